@@ -1,0 +1,33 @@
+"""Test session: float64 on, strict promotion, a compile cache, and where real captures are."""
+
+import os
+from pathlib import Path
+
+import jax
+import pytest
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+if cache := os.environ.get("JAXMOTION_TEST_CACHE"):
+    jax.config.update("jax_compilation_cache_dir", cache)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+
+_BESIDE = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """Folder of real captures: ``JAXMOTION_TEST_DATA``, else ``../shared/data`` beside the project."""
+    named = os.environ.get("JAXMOTION_TEST_DATA")
+    folder = Path(named) if named else _BESIDE
+    if not folder.is_dir():
+        if named:
+            pytest.fail(f"JAXMOTION_TEST_DATA={named} is not a folder")
+        pytest.skip("no real captures: set JAXMOTION_TEST_DATA to a folder of them")
+    return folder
+
+
+@pytest.fixture(params=["float32", "float64"])
+def dtype(request):
+    """Both precisions the library supports, as a numpy dtype."""
+    return jax.numpy.dtype(request.param)
