@@ -1,0 +1,67 @@
+"""jaxmotion: differentiable motion capture processing.
+
+Conventions, the same in every room:
+
+- Quaternions are ``(w, x, y, z)``, Hamilton, active, right-handed. A joint's rotation is local,
+  child in parent: ``q_world = q_parent_world ⊗ q_local``.
+- Rotation vectors are full-angle: ``exp(v)`` turns by ‖v‖ radians.
+- Axes are ``(time, joint, component)``; quaternion functions broadcast over leading axes.
+- Radians and seconds; lengths in the file's own unit, never rescaled silently; Y up unless the file
+  says otherwise.
+- dtype in = dtype out, float32 or float64. Importing changes no global setting.
+- Wrong shapes and static values raise ``ValueError``; traced trouble raises at run time.
+- Discrete choices (signs, warp paths, neighbours, thresholds) pass no gradient.
+
+Names load on first use, so that ``jaxmotion --help`` does not wait for JAX.
+"""
+
+import importlib
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"
+
+_MODULES = ("io", "linalg", "quaternion", "samples", "smoothing", "timing")
+
+_HOMES = {
+    "Skeleton": "skeleton",
+    "Motion": "motion",
+    "forward_kinematics": "kinematics",
+    "load": "io",
+    "save": "io",
+}
+
+if TYPE_CHECKING:
+    from jaxmotion import io, linalg, quaternion, samples, smoothing, timing
+    from jaxmotion.io import load, save
+    from jaxmotion.kinematics import forward_kinematics
+    from jaxmotion.motion import Motion
+    from jaxmotion.skeleton import Skeleton
+
+__all__ = [
+    "Motion",
+    "Skeleton",
+    "forward_kinematics",
+    "io",
+    "linalg",
+    "load",
+    "quaternion",
+    "samples",
+    "save",
+    "smoothing",
+    "timing",
+]
+
+
+def __getattr__(name: str):
+    if name in _HOMES:
+        value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    elif name in _MODULES:
+        value = importlib.import_module(f"{__name__}.{name}")
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(set(globals()) | set(__all__))

@@ -1,0 +1,154 @@
+"""The library's one currency: a skeleton and its local rigid transforms over time.
+
+Every joint has a translation and a rotation in its parent's frame. ``translations[t, j]``
+*replaces* the skeleton's offset (as BVH position channels do); a joint without position channels
+repeats its offset. The root's transform is in the world.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxmotion._types import AnyArray, Scalar
+from jaxmotion.skeleton import Skeleton
+
+
+class Motion(eqx.Module):
+    """A clip. Slice it along time: ``motion[10:90]``, ``motion[::2]`` (the frame time doubles).
+
+    **Fields:**
+
+    - ``skeleton``: the :class:`~jaxmotion.Skeleton`.
+    - ``translations``: f[T, J, 3], local, file unit.
+    - ``rotations``: f[T, J, 4], local unit quaternions (w, x, y, z).
+    - ``frame_time``: f[], seconds.
+    - ``translated_joints``: joints whose translations may vary in time; static. Algorithms skip the
+      others, whose translations stay at their offsets.
+    - ``frame_time_text``: how the file spelt the frame time, kept for the round trip; static.
+
+    **Raises:** ``ValueError`` when shapes do not fit the skeleton.
+    """
+
+    skeleton: Skeleton
+    translations: Float[AnyArray, "*batch time joint 3"]
+    rotations: Float[AnyArray, "*batch time joint 4"]
+    frame_time: Scalar | Float[AnyArray, "*batch"]
+    translated_joints: tuple[int, ...] = eqx.field(static=True)
+    frame_time_text: str | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        skeleton: Skeleton,
+        translations,
+        rotations,
+        frame_time,
+        *,
+        translated_joints: tuple[int, ...] | None = None,
+        frame_time_text: str | None = None,
+    ):
+        joints = skeleton.num_joints
+        shape = np.shape(rotations)
+        if len(shape) < 3 or shape[-2:] != (joints, 4):
+            raise ValueError(f"Motion: rotations must have shape (T, {joints}, 4), got {shape}")
+        if np.shape(translations) != (*shape[:-1], 3):
+            raise ValueError(
+                f"Motion: translations must have shape {(*shape[:-1], 3)} like the rotations, "
+                f"got {np.shape(translations)}"
+            )
+        self.skeleton = skeleton
+        self.translations = translations
+        self.rotations = rotations
+        self.frame_time = jnp.asarray(frame_time, rotations.dtype)
+        self.translated_joints = (
+            tuple(range(joints)) if translated_joints is None else tuple(translated_joints)
+        )
+        self.frame_time_text = frame_time_text
+
+    @classmethod
+    def from_root(
+        cls, skeleton: Skeleton, root_positions, rotations, frame_time, **kwargs
+    ) -> "Motion":
+        """A clip whose joints keep their offsets and only the root is translated.
+
+        **Arguments:** ``root_positions``: f[T, 3], world; ``rotations``: f[T, J, 4];
+        ``frame_time``: seconds; others as the class.
+        """
+        rotations = jnp.asarray(rotations)
+        offsets = jnp.asarray(skeleton.offsets, rotations.dtype)
+        translations = jnp.broadcast_to(offsets, (*rotations.shape[:-1], 3))
+        translations = translations.at[..., 0, :].set(root_positions)
+        return cls(skeleton, translations, rotations, frame_time, translated_joints=(0,), **kwargs)
+
+    @property
+    def num_frames(self) -> int:
+        """T."""
+        return self.rotations.shape[-3]
+
+    @property
+    def num_joints(self) -> int:
+        """J."""
+        return self.skeleton.num_joints
+
+    @property
+    def root_positions(self) -> Float[Array, "*batch time 3"]:
+        """World positions of the root, a view of ``translations``."""
+        return self.translations[..., 0, :]
+
+    @property
+    def fps(self) -> Array:
+        """Frames a second, 1/frame_time."""
+        return 1.0 / self.frame_time
+
+    @property
+    def times(self) -> Float[Array, " time"]:
+        """Time of each frame in seconds, starting at 0."""
+        return jnp.arange(self.num_frames, dtype=self.rotations.dtype) * self.frame_time
+
+    @property
+    def dtype(self):
+        """dtype of the rotations."""
+        return self.rotations.dtype
+
+    def __len__(self) -> int:
+        return self.num_frames
+
+    def __getitem__(self, frames: slice | int) -> "Motion":
+        """The chosen frames as a clip: a slice, or one frame by number (T = 1).
+
+        **Raises:** ``ValueError`` for anything else, or no frames; ``IndexError`` out of range.
+        """
+        if isinstance(frames, (int, np.integer)):
+            if not -self.num_frames <= frames < self.num_frames:
+                raise IndexError(f"frame {frames} of a motion of {self.num_frames} frames")
+            frames = slice(int(frames), int(frames) + 1 or None)
+        if not isinstance(frames, slice):
+            raise ValueError(f"a motion is sliced along time, motion[10:90]; got {frames!r}")
+        start, stop, step = frames.indices(self.num_frames)
+        if len(range(start, stop, step)) == 0:
+            raise ValueError(f"{frames} leaves none of the motion's {self.num_frames} frames")
+        return Motion(
+            self.skeleton,
+            self.translations[..., frames, :, :],
+            self.rotations[..., frames, :, :],
+            self.frame_time * abs(step),
+            translated_joints=self.translated_joints,
+            frame_time_text=self.frame_time_text if abs(step) == 1 else None,
+        )
+
+    def with_transforms(self, translations=None, rotations=None) -> "Motion":
+        """The same clip with other translations and/or rotations (any number of frames)."""
+        return Motion(
+            self.skeleton,
+            self.translations if translations is None else translations,
+            self.rotations if rotations is None else rotations,
+            self.frame_time,
+            translated_joints=self.translated_joints,
+            frame_time_text=self.frame_time_text,
+        )
+
+    def astype(self, dtype) -> "Motion":
+        """The same clip with every array in another floating-point type."""
+
+        return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)

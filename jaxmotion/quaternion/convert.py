@@ -1,0 +1,175 @@
+"""Conversions: matrices, Euler angles, the six-dimensional representation.
+
+Euler orders follow SciPy: three letters, capitals for intrinsic axes ("ZXY" turns about the
+moving z, x, y in that order: q = q_z q_x q_y), small letters for extrinsic ("zxy":
+q = q_y q_x q_z). All twelve orders work, Tait–Bryan and proper Euler. Angles come back from a quaternion by the
+half-angle formulas of Bernardes & Viollet 2022 (no matrix, no loss near the gimbal lock):
+
+    a = w − u_j, b = u_i + s·u_k, c = w + u_j, d = s·u_k − u_i
+    (proper Euler: a = w, b = u_i, c = u_j, d = s·u_k; s the sign of the permutation i, j, k)
+    θ₂ = 2·atan2(√(c²+d²), √(a²+b²)),  θ₁,₃ = atan2(b, a) ∓ atan2(d, c)
+
+Matrices act on column vectors, (..., 3, 3). The 6-D representation is the first two columns
+[x; y], each of three (Zhou et al. 2019), orthonormalised by Gram–Schmidt. O(n).
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jaxmotion._numerics import safe_arctan2, safe_norm, safe_sqrt
+from jaxmotion._types import Angles, Matrix3, Quaternion, Rotation6d
+from jaxmotion.quaternion.algebra import assemble, components, multiply
+
+
+def to_matrix(q: Quaternion) -> Matrix3:
+    """Rotation matrix of a unit quaternion. (..., 4) → (..., 3, 3)."""
+    w, x, y, z = components(q)
+    rows = (
+        assemble(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        assemble(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        assemble(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return jnp.stack(rows, axis=-2)
+
+
+def from_matrix(m: Matrix3) -> Quaternion:
+    """Unit quaternion, w ≥ 0 where it leads, of a rotation matrix. (..., 3, 3) → (..., 4).
+
+    Shepperd's method: of the four equivalent formulas the one with the largest square root is
+    taken, so nothing is divided by a small number.
+    """
+    m = jnp.asarray(m)
+    (a, b, c), (d, e, f), (g, h, i) = (components(m[..., r, :]) for r in range(3))
+    squares = jnp.stack([1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i])
+    candidates = jnp.stack(
+        [
+            jnp.stack([squares[0], h - f, c - g, d - b]),
+            jnp.stack([h - f, squares[1], b + d, c + g]),
+            jnp.stack([c - g, b + d, squares[2], f + h]),
+            jnp.stack([d - b, c + g, f + h, squares[3]]),
+        ]
+    )
+    best = jnp.argmax(squares, axis=0)
+    chosen = jnp.take_along_axis(candidates, best[None, None], axis=0)[0]
+    return jnp.moveaxis(chosen / safe_norm(chosen, axis=0), 0, -1)
+
+
+def to_rotation_6d(q: Quaternion) -> Rotation6d:
+    """First two columns of the rotation matrix, one after the other. (..., 4) → (..., 6)."""
+    m = to_matrix(q)
+    return jnp.concatenate([m[..., :, 0], m[..., :, 1]], axis=-1)
+
+
+def from_rotation_6d(columns: Rotation6d) -> Quaternion:
+    """Unit quaternion from two (not necessarily orthonormal) columns. (..., 6) → (..., 4).
+
+    The columns must be neither zero nor parallel. Zhou et al. 2019, Eq. 14.
+    """
+    columns = jnp.asarray(columns)
+    first, second = columns[..., :3], columns[..., 3:]
+    x = first / safe_norm(first, keepdims=True)
+    across = second - jnp.sum(x * second, -1, keepdims=True) * x
+    y = across / safe_norm(across, keepdims=True)
+    return from_matrix(jnp.stack([x, y, jnp.cross(x, y)], axis=-1))
+
+
+def from_euler(angles: Angles, order: str = "ZXY") -> Quaternion:
+    """Unit quaternion of three Euler angles.
+
+    **Arguments:** ``angles``: (..., 3), radians, in the order of the letters; ``order``: see the
+    module.
+    **Returns:** (..., 4).
+    **Raises:** ``ValueError`` for an order that is not one of the 24.
+    """
+    i, j, k, extrinsic = _axes(order)
+    first, second, third = components(angles)
+    turns = (_about(i, first), _about(j, second), _about(k, third))
+    a, b, c = reversed(turns) if extrinsic else turns
+    return multiply(multiply(a, b), c)
+
+
+def to_euler(q: Quaternion, order: str = "ZXY", *, unwrap: bool = False) -> Angles:
+    """Euler angles of a unit quaternion.
+
+    **Arguments:** ``q``: (..., 4); ``order``: see the module; ``unwrap``: treat axis 0 as time and
+    give every frame, of the angle triples that mean its rotation (the two branches of the order
+    and any whole turns), the one nearest the frame before; costs one scan.
+    **Returns:** (..., 3), radians; without ``unwrap`` the middle angle is in [−π/2, π/2]
+    (Tait–Bryan) or [0, π], the others in [−π, π]. In gimbal lock the last intrinsic (first
+    extrinsic) angle is 0.
+    **Raises:** ``ValueError`` for an order that is not one of the 24.
+    """
+    i, j, k, extrinsic = _axes(order)
+    if not extrinsic:
+        i, k = k, i
+    angles = _extrinsic_angles(components(q), i, j, k)
+    angles = assemble(*(angles if extrinsic else reversed(angles)))
+    return _nearest_to_previous(angles, proper=i == k) if unwrap else angles
+
+
+def _axes(order: str) -> tuple[int, int, int, bool]:
+    extrinsic = order.islower()
+    letters = ["xyz".find(c) for c in order.lower()] if order.islower() or order.isupper() else []
+    if len(letters) != 3 or -1 in letters or letters[0] == letters[1] or letters[1] == letters[2]:
+        raise ValueError(
+            f"order={order!r}; expected three of X, Y, Z, no two equal in a row: capitals for "
+            "intrinsic axes ('ZXY'), small letters for extrinsic ('zxy')"
+        )
+    i, j, k = letters
+    return i, j, k, extrinsic
+
+
+def _about(axis: int, angle: Float[Array, "..."]) -> Quaternion:
+    zero = jnp.zeros_like(angle)
+    parts = [jnp.cos(0.5 * angle), zero, zero, zero]
+    parts[axis + 1] = jnp.sin(0.5 * angle)
+    return assemble(*parts)
+
+
+def _extrinsic_angles(q: Float[Array, "4 ..."], i: int, j: int, k: int):
+    proper = i == k
+    if proper:
+        k = 3 - i - j
+    sign = (i - j) * (j - k) * (k - i) // 2
+    w, ui, uj, uk = q[0], q[i + 1], q[j + 1], sign * q[k + 1]
+    a, b, c, d = (w, ui, uj, uk) if proper else (w - uj, ui + uk, w + uj, uk - ui)
+    near, far = safe_sqrt(a * a + b * b), safe_sqrt(c * c + d * d)
+    middle = 2 * jnp.arctan2(far, near)
+    # In gimbal lock one of the two half angles means nothing; it is set so that the first or the
+    # last angle vanishes, and no gradient comes from it.
+    tiny = 8 * float(jnp.finfo(w.dtype).eps)
+    half_sum = _angle_unless(near < tiny, b, a)
+    half_difference = _angle_unless(far < tiny, d, c)
+    half_sum = jnp.where(near < tiny, half_difference, half_sum)
+    half_difference = jnp.where(far < tiny, half_sum, half_difference)
+    first, last = half_sum - half_difference, half_sum + half_difference
+    if not proper:
+        last, middle = sign * last, middle - jnp.pi / 2
+    return _wrap(first), middle, _wrap(last)
+
+
+def _angle_unless(lost, y, x):
+    return safe_arctan2(jnp.where(lost, 0.0, y), jnp.where(lost, 0.0, x))
+
+
+def _wrap(angle):
+    turn = 2 * jnp.pi
+    return angle - turn * jnp.round(angle / turn)
+
+
+def _nearest_to_previous(angles: Float[Array, "time ... 3"], proper: bool):
+    other_middle = -angles[..., 1] if proper else jnp.pi - angles[..., 1]
+    other = jnp.stack([angles[..., 0] + jnp.pi, other_middle, angles[..., 2] + jnp.pi], -1)
+    branches = jnp.stack([angles, other])
+
+    def step(previous, branches):
+        near = previous + _wrap(branches - previous)
+        cost = jnp.sum((near - previous) ** 2, -1, keepdims=True)
+        chosen = jnp.where(cost[0] <= cost[1], near[0], near[1])
+        return chosen, chosen
+
+    if angles.shape[0] == 0:
+        return angles
+    rest = jax.lax.scan(step, angles[0], jnp.moveaxis(branches, 1, 0)[1:])[1]
+    return jnp.concatenate([angles[:1], rest])

@@ -1,0 +1,182 @@
+"""The tree of joints a motion moves.
+
+Joint j hangs from ``parents[j] < j`` (the root is joint 0, parent −1) by ``offsets[j]``, in its
+parent's frame. Leaves may carry end sites: points, fixed in a joint's frame, that no channel moves.
+Topology, names and file facts are static; offsets are arrays, so bone lengths can be optimised.
+"""
+
+import fnmatch
+from collections.abc import Sequence
+from functools import cached_property
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from jaxmotion._types import AnyArray
+
+DEFAULT_ROOT_CHANNELS = (
+    "Xposition",
+    "Yposition",
+    "Zposition",
+    "Zrotation",
+    "Xrotation",
+    "Yrotation",
+)
+DEFAULT_CHANNELS = DEFAULT_ROOT_CHANNELS[3:]
+
+
+class AsfBone(eqx.Module):
+    """What an ASF file says of a bone beyond its offset; one a joint, all static.
+
+    ``axis``: Euler angles in degrees of the bone's own frame C, in ``axis_order``;
+    ``direction`` and ``length``: of the bone, which ends where its children begin;
+    ``limits``: (low, high) per degree of freedom, in degrees.
+    """
+
+    axis: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
+    axis_order: str = eqx.field(static=True, default="XYZ")
+    direction: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
+    length: float = eqx.field(static=True, default=0.0)
+    limits: tuple[tuple[float, float], ...] = eqx.field(static=True, default=())
+
+
+class Skeleton(eqx.Module):
+    """Joint names, tree, offsets and end sites.
+
+    **Fields:**
+
+    - ``names``: one string a joint, unique; static.
+    - ``parents``: parent index a joint, −1 for the root, ``parents[j] < j``; static.
+    - ``offsets``: f[J, 3], from the parent's origin in the parent's frame, file unit.
+    - ``end_offsets``: f[E, 3], end sites in the frame of the joint they hang from.
+    - ``end_joints``: that joint's index, one an end site; static.
+    - ``end_labels``: how the file spelt each ("End Site"); static.
+    - ``channels``: per joint, the file's channel names in order ("Zrotation"); static.
+    - ``asf``: per joint an :class:`AsfBone` if the skeleton came from an ASF file; static, else ().
+    - ``up``: the axis that points up, "x", "y" or "z"; static.
+    - ``length_unit``: what the file says of its unit of length (ASF's ``length``), else 1; static.
+
+    **Raises:** ``ValueError`` when the pieces do not fit together.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True)
+    parents: tuple[int, ...] = eqx.field(static=True)
+    offsets: Float[AnyArray, "joint 3"]
+    end_offsets: Float[AnyArray, "end 3"]
+    end_joints: tuple[int, ...] = eqx.field(static=True)
+    end_labels: tuple[str, ...] = eqx.field(static=True)
+    channels: tuple[tuple[str, ...], ...] = eqx.field(static=True)
+    asf: tuple[AsfBone, ...] = eqx.field(static=True)
+    up: str = eqx.field(static=True)
+    length_unit: float = eqx.field(static=True)
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        parents: Sequence[int],
+        offsets,
+        *,
+        end_joints: Sequence[int] = (),
+        end_offsets=None,
+        end_labels: Sequence[str] | None = None,
+        channels: Sequence[Sequence[str]] | None = None,
+        asf: Sequence[AsfBone] = (),
+        up: str = "y",
+        length_unit: float = 1.0,
+    ):
+        self.names = tuple(names)
+        self.parents = tuple(int(p) for p in parents)
+        self.offsets = offsets
+        self.end_joints = tuple(int(j) for j in end_joints)
+        self.end_offsets = np.zeros((0, 3), offsets.dtype) if end_offsets is None else end_offsets
+        self.end_labels = tuple(end_labels or ("End Site",) * len(self.end_joints))
+        self.channels = tuple(tuple(c) for c in channels) if channels else self._default_channels()
+        self.asf = tuple(asf)
+        self.up = up
+        self.length_unit = float(length_unit)
+        self._check()
+
+    def _default_channels(self):
+        return (DEFAULT_ROOT_CHANNELS,) + (DEFAULT_CHANNELS,) * (len(self.names) - 1)
+
+    def _check(self):
+        joints = len(self.names)
+        if joints == 0:
+            raise ValueError("Skeleton: names is empty; a skeleton needs at least a root joint")
+        if len(set(self.names)) != joints:
+            twice = sorted({n for n in self.names if self.names.count(n) > 1})
+            raise ValueError(f"Skeleton: names must be unique; {twice} occur more than once")
+        if len(self.parents) != joints or self.parents[0] != -1:
+            raise ValueError(
+                f"Skeleton: parents must have {joints} entries and begin with -1, "
+                f"got {self.parents}"
+            )
+        for j, p in enumerate(self.parents[1:], 1):
+            if not 0 <= p < j:
+                raise ValueError(
+                    f"Skeleton: parents[{j}] is {p}; each parent must come before its joint"
+                )
+        if np.shape(self.offsets) != (joints, 3):
+            raise ValueError(
+                f"Skeleton: offsets must have shape ({joints}, 3), got {np.shape(self.offsets)}"
+            )
+        ends = len(self.end_joints)
+        if np.shape(self.end_offsets) != (ends, 3) or len(self.end_labels) != ends:
+            raise ValueError(
+                f"Skeleton: end_joints names {ends} end sites, but end_offsets has shape "
+                f"{np.shape(self.end_offsets)} and end_labels {len(self.end_labels)} entries"
+            )
+        if len(self.channels) != joints:
+            raise ValueError(
+                f"Skeleton: channels must have {joints} entries, got {len(self.channels)}"
+            )
+        if self.asf and len(self.asf) != joints:
+            raise ValueError(f"Skeleton: asf must have {joints} entries, got {len(self.asf)}")
+        if self.up not in ("x", "y", "z"):
+            raise ValueError(f"Skeleton: up={self.up!r}; expected 'x', 'y' or 'z'")
+
+    @property
+    def num_joints(self) -> int:
+        """Number of joints, end sites not counted."""
+        return len(self.names)
+
+    @cached_property
+    def levels(self) -> tuple[tuple[int, ...], ...]:
+        """Joints by depth: ``levels[0] == (0,)``, every joint's parent one level up."""
+        depth = [0] * self.num_joints
+        for j in range(1, self.num_joints):
+            depth[j] = depth[self.parents[j]] + 1
+        return tuple(
+            tuple(j for j, d in enumerate(depth) if d == level) for level in range(max(depth) + 1)
+        )
+
+    @cached_property
+    def children(self) -> tuple[tuple[int, ...], ...]:
+        """Each joint's children."""
+        found: list[list[int]] = [[] for _ in self.names]
+        for j, p in enumerate(self.parents[1:], 1):
+            found[p].append(j)
+        return tuple(tuple(c) for c in found)
+
+    def index(self, name: str) -> int:
+        """Index of the joint called ``name``; ``ValueError`` lists the names if there is none."""
+        if name not in self.names:
+            raise ValueError(f"no joint is called {name!r}; the joints are {', '.join(self.names)}")
+        return self.names.index(name)
+
+    def matching(self, pattern: str) -> tuple[int, ...]:
+        """Indices of the joints whose names match a shell pattern such as ``"Left*"`` (any case).
+
+        **Raises:** ``ValueError``, listing the names, if none does.
+        """
+        found = tuple(
+            j
+            for j, name in enumerate(self.names)
+            if fnmatch.fnmatchcase(name.lower(), pattern.lower())
+        )
+        if not found:
+            raise ValueError(
+                f"no joint matches {pattern!r}; the joints are {', '.join(self.names)}"
+            )
+        return found
