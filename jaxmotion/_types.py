@@ -4,12 +4,15 @@ Shapes read ``(time, joint, component)``; ``...`` stands for any leading axes.
 Quaternions are ``(w, x, y, z)``; rotation vectors turn by their full length in radians.
 """
 
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from jaxtyping import Array, Float
 
-AnyArray: TypeAlias = Array | np.ndarray
+if TYPE_CHECKING:
+    AnyArray: TypeAlias = Array
+else:
+    AnyArray: TypeAlias = Array | np.ndarray
 
 Quaternion: TypeAlias = Float[AnyArray, "... 4"]
 Vector3: TypeAlias = Float[AnyArray, "... 3"]

@@ -12,10 +12,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxmotion._numerics import safe_norm
-from jaxmotion._types import Quaternion, Vector3
+from jaxmotion._types import AnyArray, Quaternion, Vector3
 
 
-def components(a: Float[Array, "... n"]) -> Float[Array, "n ..."]:
+def components(a: Float[AnyArray, "... n"]) -> Float[Array, "n ..."]:
     """The last axis moved to the front: unpack it to get one array a component."""
     return jnp.moveaxis(jnp.asarray(a), -1, 0)
 

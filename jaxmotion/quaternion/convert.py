@@ -2,8 +2,9 @@
 
 Euler orders follow SciPy: three letters, capitals for intrinsic axes ("ZXY" turns about the
 moving z, x, y in that order: q = q_z q_x q_y), small letters for extrinsic ("zxy":
-q = q_y q_x q_z). All twelve orders work, Tait–Bryan and proper Euler. Angles come back from a quaternion by the
-half-angle formulas of Bernardes & Viollet 2022 (no matrix, no loss near the gimbal lock):
+q = q_y q_x q_z). All twelve orders work, Tait–Bryan and proper Euler. Angles come back from a
+quaternion by the half-angle formulas of Bernardes & Viollet 2022 (no matrix, no loss near the
+gimbal lock):
 
     a = w − u_j, b = u_i + s·u_k, c = w + u_j, d = s·u_k − u_i
     (proper Euler: a = w, b = u_i, c = u_j, d = s·u_k; s the sign of the permutation i, j, k)
