@@ -89,7 +89,7 @@ class Skeleton(eqx.Module):
         self.parents = tuple(int(p) for p in parents)
         self.offsets = offsets
         self.end_joints = tuple(int(j) for j in end_joints)
-        self.end_offsets = np.zeros((0, 3), offsets.dtype) if end_offsets is None else end_offsets
+        self.end_offsets = offsets[:0] if end_offsets is None else end_offsets
         self.end_labels = tuple(end_labels or ("End Site",) * len(self.end_joints))
         self.channels = tuple(tuple(c) for c in channels) if channels else self._default_channels()
         self.asf = tuple(asf)
