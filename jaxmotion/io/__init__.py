@@ -1,0 +1,112 @@
+"""Files in, files out: :func:`load` and :func:`save` choose the format by the file's suffix.
+
+| suffix | read | written | module |
+|---|---|---|---|
+| ``.bvh`` | yes | yes | :mod:`jaxmotion.io.bvh` |
+| ``.amc`` (with its ``.asf``) | yes | yes | :mod:`jaxmotion.io.asfamc` |
+| ``.npz`` | yes, ours and AMASS | ours | :mod:`jaxmotion.io.npz`, :mod:`jaxmotion.io.amass` |
+
+Files are parsed in float64; a file is written whole or not at all. Trouble with a file's contents
+is a :class:`MotionFileError` (path, line, frame, what was found, what was expected, what to try).
+"""
+
+from collections.abc import Callable
+from os import PathLike
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmotion.io.errors import MotionFileError
+from jaxmotion.motion import Motion
+
+__all__ = ["MotionFileError", "load", "save"]
+
+
+def load(path: str | PathLike, *, dtype=None, **format_options) -> Motion:
+    """Read a motion file.
+
+    **Arguments:** ``path``: the file, its suffix telling the format; ``dtype``: of the arrays,
+    float32 or float64, by default float64 if JAX has 64-bit types enabled, else float32;
+    ``format_options``: passed on to the format's own reader.
+    **Returns:** a :class:`~jaxmotion.Motion`.
+    **Raises:** :class:`MotionFileError` for a file that cannot be understood or a suffix that is
+    not one of the table's; ``OSError`` for one that cannot be opened; ``ValueError`` for a dtype
+    that is not available.
+    """
+    reader = _reader(Path(path))
+    return reader(path, dtype=_float_type(dtype), **format_options)
+
+
+def save(motion: Motion, path: str | PathLike, *, overwrite: bool = True, **format_options) -> None:
+    """Write a motion file, whole or not at all.
+
+    **Arguments:** ``motion``: one clip; ``path``: the file, its suffix telling the format;
+    ``overwrite``: whether a file of that name may be replaced; ``format_options``: passed on to
+    the format's own writer.
+    **Raises:** :class:`MotionFileError` for a suffix that is not one of the table's;
+    ``ValueError`` for a motion that the format cannot hold; ``FileExistsError`` and other
+    ``OSError`` from writing.
+    """
+    writer = _writer(Path(path))
+    writer(motion, path, overwrite=overwrite, **format_options)
+
+
+def _reader(path: Path) -> Callable[..., Motion]:
+    match path.suffix.lower():
+        case ".bvh":
+            from jaxmotion.io.bvh import load_bvh
+
+            return load_bvh
+        case ".amc":
+            from jaxmotion.io.asfamc import load_amc
+
+            return load_amc
+        case ".npz":
+            from jaxmotion.io import amass, npz
+
+            return amass.load_amass if amass.is_amass(path) else npz.load_npz
+    raise _unknown(path)
+
+
+def _writer(path: Path) -> Callable[..., None]:
+    match path.suffix.lower():
+        case ".bvh":
+            from jaxmotion.io.bvh import save_bvh
+
+            return save_bvh
+        case ".amc":
+            from jaxmotion.io.asfamc import save_amc
+
+            return save_amc
+        case ".npz":
+            from jaxmotion.io.npz import save_npz
+
+            return save_npz
+    raise _unknown(path)
+
+
+def _unknown(path: Path) -> MotionFileError:
+    suffix = path.suffix.lower()
+    hint = "give one of those suffixes"
+    if suffix == ".asf":
+        hint = "name the .amc file; its .asf skeleton is found beside it"
+    return MotionFileError(
+        path,
+        f"the suffix {suffix!r}" if suffix else "no suffix",
+        expected=".bvh, .amc (with its .asf) or .npz",
+        hint=hint,
+    )
+
+
+def _float_type(dtype) -> np.dtype:
+    available = np.dtype(jnp.zeros((), float).dtype)
+    wanted = available if dtype is None else np.dtype(dtype)
+    if wanted not in (np.float32, np.float64):
+        raise ValueError(f"load: dtype={dtype!r}; expected float32 or float64")
+    if wanted == np.float64 and available != np.float64:
+        raise ValueError(
+            "load: dtype=float64 needs 64-bit types: jax.config.update('jax_enable_x64', True)"
+        )
+    return wanted

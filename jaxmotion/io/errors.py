@@ -1,0 +1,67 @@
+"""What goes wrong with a file: one exception that says where, what was wanted and what to try."""
+
+from os import PathLike, fspath
+
+
+class MotionFileError(ValueError):
+    """A motion file that cannot be read (or written) as asked.
+
+    **Fields:**
+
+    - ``path``: the file.
+    - ``line``: line number, from 1, or ``None`` where there is none.
+    - ``frame``: frame number, from 0, or ``None`` outside the frames.
+    - ``found``: what the file holds there.
+    - ``expected``: what should have been there.
+    - ``hint``: what to try.
+
+    ``str(error)`` is one line: ``walk.bvh:120 (frame 12): found …; expected …. Try: …``.
+    """
+
+    def __init__(
+        self,
+        path: str | PathLike,
+        found: str,
+        *,
+        expected: str = "",
+        hint: str = "",
+        line: int | None = None,
+        frame: int | None = None,
+    ):
+        self.path = fspath(path)
+        self.line = line
+        self.frame = frame
+        self.found = found
+        self.expected = expected
+        self.hint = hint
+        super().__init__(self._text())
+
+    def _text(self) -> str:
+        where = str(self.path)
+        where += f":{self.line}" if self.line is not None else ""
+        where += f" (frame {self.frame})" if self.frame is not None else ""
+        text = f"{where}: found {self.found}"
+        text += f"; expected {self.expected}" if self.expected else ""
+        text += f". Try: {self.hint}" if self.hint else ""
+        return text
+
+    def __reduce__(self):
+        return _rebuild, (
+            self.path,
+            self.found,
+            self.expected,
+            self.hint,
+            self.line,
+            self.frame,
+        )
+
+
+def _rebuild(path, found, expected, hint, line, frame):
+    return MotionFileError(path, found, expected=expected, hint=hint, line=line, frame=frame)
+
+
+def quoted(text: str | bytes, limit: int = 40) -> str:
+    """A piece of a file, fit for a message: quoted, printable and short."""
+    if isinstance(text, bytes):
+        text = text[: 4 * limit].decode("utf-8", "backslashreplace")
+    return ascii(text if len(text) <= limit else text[:limit] + "...")
