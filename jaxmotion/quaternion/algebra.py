@@ -3,9 +3,9 @@
 A quaternion is q = (w, x, y, z), Hamilton's product, acting on vectors by q v q⁻¹. All functions
 broadcast over leading axes and cost O(n).
 
-Layout: the component axis is moved to the front, the arithmetic is written on components, and the
-result is stacked on the front and moved back. XLA turns the moves into index arithmetic, so every
-component is a long vector; stacking on a last axis of four is up to ten times slower on a CPU.
+Layout: the arithmetic is written on components, and the result is stacked on the front and moved to
+the back. XLA turns the move into index arithmetic, so every component is a long vector; stacking
+on a last axis of four is up to ten times slower on a CPU.
 """
 
 import jax.numpy as jnp
@@ -15,9 +15,9 @@ from jaxmotion._numerics import safe_norm
 from jaxmotion._types import AnyArray, Quaternion, Vector3
 
 
-def components(a: Float[AnyArray, "... n"]) -> Float[Array, "n ..."]:
-    """The last axis moved to the front: unpack it to get one array a component."""
-    return jnp.moveaxis(jnp.asarray(a), -1, 0)
+def components(a: Float[AnyArray, "... n"]) -> tuple[Array, ...]:
+    """One array a component of the last axis: (..., n) → n arrays (...)."""
+    return tuple(jnp.unstack(jnp.asarray(a), axis=-1))
 
 
 def assemble(*parts: Float[Array, "..."]) -> Float[Array, "... n"]:

@@ -128,7 +128,7 @@ def _about(axis: int, angle: Float[Array, "..."]) -> Quaternion:
     return assemble(*parts)
 
 
-def _extrinsic_angles(q: Float[Array, "4 ..."], i: int, j: int, k: int):
+def _extrinsic_angles(q: tuple[Array, ...], i: int, j: int, k: int):
     proper = i == k
     if proper:
         k = 3 - i - j
