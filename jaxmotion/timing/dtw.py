@@ -1,0 +1,233 @@
+"""Dynamic time warping: the cheapest monotone pairing of the frames of two clips.
+
+    cost = min over paths   Σ_t weight_t · D[i_t, j_t],      (i_0, j_0) = (0, 0)
+
+D: distance of frame i of x from frame j of y ``(n, m)``; a path moves by the steps of a *step
+pattern* (:mod:`jaxmotion.timing.step_patterns`) and ends at (n − 1, m − 1), or with an open end at
+(n − 1, j) for the best j. Cost O(n m) time; a byte per cell when the path is used, O(n) otherwise
+(what is not used is dropped under ``jax.jit``).
+
+Sources: Sakoe & Chiba 1978; Aristidou et al. 2018, appendix (``step_pattern="slope3"``: boundary,
+monotone, continuous, at most 3 steps in one direction, open end, shortest match), solved exactly
+with seven states per cell instead of greedily. An open end is the one of least *average* cost,
+since the least sum prefers short matches.
+
+Derivatives: the path is a discrete choice and passes none; the cost passes the derivative of the
+cells it selected, ∂cost/∂D[i, j] = how often (i, j) is counted (over the normaliser). Second
+derivatives in D are zero. Of tied paths the first in the pattern's order is taken.
+
+Sharp bits: called outside ``jax.jit`` it is traced and compiled anew each time, so wrap it; padded
+clips (:mod:`jaxmotion.timing.buckets`) let one compilation serve many lengths.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxmotion._types import ArrayLike
+from jaxmotion.timing.accumulate import accumulator, arrival_radix
+from jaxmotion.timing.frame_distance import Metric, frame_distance
+from jaxmotion.timing.step_patterns import StepPattern, step_pattern_named
+
+
+class WarpPath(eqx.Module):
+    """The pairing found: cell ``path[t] = (frame of x, frame of y)`` for ``t < length``.
+
+    Entries from ``length`` on repeat the last cell. ``cost`` is ∞ and ``length`` 0 where no path
+    satisfies the constraints.
+    """
+
+    cost: Float[Array, ""]
+    path: Int[Array, "most_cells 2"]
+    length: Int[Array, ""]
+
+    @property
+    def mask(self) -> Bool[Array, "... most_cells"]:
+        """Which entries of ``path`` belong to it."""
+        return jnp.arange(self.path.shape[-2], dtype=self.length.dtype) < self.length[..., None]
+
+
+def dtw(
+    x: ArrayLike | None = None,
+    y: ArrayLike | None = None,
+    *,
+    cost: ArrayLike | None = None,
+    metric: Metric = "euclidean",
+    step_pattern: str = "symmetric",
+    window: int | None = None,
+    open_end: bool | str = False,
+    min_matched: int = 1,
+    normalize: str | None = None,
+    x_length: ArrayLike | None = None,
+    y_length: ArrayLike | None = None,
+) -> WarpPath:
+    """Warp x onto y. One pair of clips; ``jax.vmap`` makes many, laid out for speed.
+
+    Args:
+        x: features ``(n, f)``, or local rotations ``(n, J, 4)`` with ``metric="pose"``.
+        y: features ``(m, f)`` or rotations ``(m, J, 4)``.
+        cost: a cost matrix ``(n, m)`` instead of x and y.
+        metric: distance of two frames; see :func:`frame_distance`.
+        step_pattern: ``"symmetric"``, ``"symmetric2"``, ``"asymmetric"``, ``"slope1"``,
+            ``"slope2"`` or ``"slope3"``.
+        window: radius in frames of a Sakoe-Chiba band; with clips of different length the band is
+            widened by their difference on the side of the longer one.
+        open_end: True ends x at its last frame and y wherever it fits best; ``"either"`` lets
+            whichever clip is exhausted first end the path.
+        min_matched: with an open end, fewest frames that must be matched of the clip left open.
+        normalize: what ``cost`` reports and what the open end minimises: ``"sum"`` along the path
+            (default), ``"mean"`` over its cells (default with an open end) or ``"frames"``, the sum
+            over the number of matched frames of both clips.
+        x_length: frames of x that count when it is padded (``pad_to_bucket``); may be traced.
+        y_length: the same for y.
+
+    Returns:
+        :class:`WarpPath` with room for n + m − 1 cells.
+
+    Raises:
+        ValueError: bad shapes, unknown names, or clips the pattern cannot join.
+    """
+    pattern = step_pattern_named(step_pattern)
+    d = _local_cost(x, y, cost, metric)
+    n, m = d.shape
+    _check_options(open_end, min_matched, normalize, window, m)
+    normalize = normalize or ("mean" if open_end else "sum")
+    ragged = x_length is not None or y_length is not None
+    if not (ragged or open_end or pattern.reaches(n, m)):
+        raise ValueError(f"step_pattern={step_pattern!r} has no path over a cost of shape {(n, m)}")
+    last_x = jnp.asarray(n if x_length is None else x_length, jnp.int32) - 1
+    last_y = jnp.asarray(m if y_length is None else y_length, jnp.int32) - 1
+
+    fixed = lax.stop_gradient(d)
+    if window is not None:
+        fixed = jnp.where(_band(n, m, last_x, last_y, window), fixed, jnp.inf)
+    accumulate = accumulator(
+        pattern, ragged=ragged, columns=open_end == "either", count=normalize == "mean"
+    )
+    ends = accumulate(fixed[None], last_x[None], last_y[None])
+    ends = jax.tree.map(lambda e: e[0], ends)
+    total, size, end = _choose_end(ends, last_x, last_y, open_end, min_matched, normalize)
+    path, weights, length = _backtrack(pattern, ends.arrivals, end, n + m - 1)
+    found = jnp.isfinite(total)
+    length = jnp.where(found, length, 0)
+    weights = jnp.where(found, weights, 0).astype(d.dtype)
+    return WarpPath(_selected_cost(d, total, path, weights) / size, path, length)
+
+
+def _local_cost(x, y, cost, metric) -> Array:
+    if (cost is None) == (x is None) or (x is None) != (y is None):
+        raise ValueError("want either x and y, or cost=")
+    d = frame_distance(x, y, metric) if cost is None else jnp.asarray(cost)
+    if d.ndim != 2 or 0 in d.shape:
+        raise ValueError(f"cost has shape {d.shape}; want (n, m), n and m at least 1")
+    if not jnp.issubdtype(d.dtype, jnp.floating):
+        raise ValueError(f"cost has dtype {d.dtype}; want float32 or float64")
+    return d
+
+
+def _check_options(open_end, min_matched, normalize, window, m):
+    if open_end not in (False, True, "either"):
+        raise ValueError(f"open_end={open_end!r}; want False, True or 'either'")
+    if normalize not in (None, "sum", "mean", "frames"):
+        raise ValueError(f"normalize={normalize!r}; want 'sum', 'mean', 'frames' or None")
+    if window is not None and window < 0:
+        raise ValueError(f"window={window}; want a radius in frames, 0 or more")
+    if not 1 <= min_matched <= m:
+        raise ValueError(f"min_matched={min_matched}; want 1 ... {m}")
+
+
+def _band(n, m, last_x, last_y, radius) -> Array:
+    """Cells within ``radius`` of the diagonals that join the corners."""
+    ahead = jnp.arange(m, dtype=jnp.int32)[None, :] - jnp.arange(n, dtype=jnp.int32)[:, None]
+    longer = last_y - last_x
+    return (ahead >= jnp.minimum(longer, 0) - radius) & (ahead <= jnp.maximum(longer, 0) + radius)
+
+
+def _choose_end(ends, last_x, last_y, open_end, min_matched, normalize):
+    """Sum of the chosen path, what to divide it by, and its last cell (i, j, state)."""
+    k = jnp.arange(ends.row_cost.shape[0], dtype=last_x.dtype)
+    frames = last_x + last_y + 2
+    if not open_end:
+        values = ends.row_cost[frames - 2]
+        state = jnp.argmin(values).astype(last_x.dtype)
+        total = values[state]
+        size = {"sum": 1, "frames": frames}.get(normalize)
+        size = ends.row_cells[frames - 2, state] if size is None else size
+        return total, _divisor(size, total), (last_x, last_y, state)
+
+    sides = [(ends.row_cost, ends.row_cells, last_x, last_y)]
+    if open_end == "either":
+        sides.append((ends.column_cost, ends.column_cells, last_y, last_x))
+    totals, sizes, states, allowed = [], [], [], []
+    for values, cells, used_up, open_last in sides:
+        best = jnp.argmin(values, axis=1)
+        totals.append(jnp.take_along_axis(values, best[:, None], axis=1)[:, 0])
+        states.append(best.astype(last_x.dtype))
+        matched = k - used_up + 1
+        allowed.append((matched >= min_matched) & (matched <= open_last + 1))
+        if normalize == "mean":
+            sizes.append(jnp.take_along_axis(cells, best[:, None], axis=1)[:, 0])
+        else:
+            sizes.append(jnp.ones_like(k) if normalize == "sum" else k + 2)
+    total, state, ok = map(jnp.concatenate, (totals, states, allowed))
+    size = _divisor(jnp.concatenate(sizes), total)
+    chosen = jnp.argmin(jnp.where(ok, total / size, jnp.inf))
+    total = jnp.where(ok[chosen], total[chosen], jnp.inf)
+    k_end = jnp.concatenate([k] * len(sides))[chosen]
+    on_row = chosen < k.shape[0]
+    i = jnp.where(on_row, last_x, k_end - last_y)
+    return total, size[chosen], (i, k_end - i, state[chosen])
+
+
+def _divisor(size, total) -> Array:
+    return jnp.maximum(jnp.asarray(size).astype(total.dtype), 1)
+
+
+def _backtrack(pattern: StepPattern, arrivals, end, most_cells):
+    """Follow the packed arrivals from the end to the virtual cell before (0, 0).
+
+    A cell is one number, (i + j) n + i, negative before (0, 0): a step is then one subtraction, and
+    the loop small enough to be compiled into a single kernel.
+    """
+    n = arrivals.shape[1]
+    most = max(len(ways) for ways in pattern.arrivals)
+    filled = [[*ways, *[ways[0]] * (most - len(ways))] for ways in pattern.arrivals]
+    drops = jnp.asarray([(w.di + w.dj) * n + w.di for ways in filled for w in ways], jnp.int32)
+    befores = jnp.asarray([w.state for ways in filled for w in ways], jnp.int32)
+    radix = jnp.asarray(arrival_radix(pattern), jnp.int32)
+    choices = jnp.asarray([len(ways) for ways in pattern.arrivals], jnp.int32)
+    packed = arrivals.reshape(-1)
+
+    def step(carry, _):
+        cell, state = carry
+        code = packed[jnp.maximum(cell, 0)].astype(jnp.int32)
+        way = state * most + code // radix[state] % choices[state]
+        on_path = cell >= 0
+        before = jnp.where(on_path, befores[way], state)
+        return (jnp.where(on_path, cell - drops[way], cell), before), jnp.maximum(cell, -1)
+
+    i, j, state = end
+    backward = lax.scan(step, ((i + j) * n + i, state), length=most_cells)[1]
+    length = jnp.sum(backward >= 0, dtype=jnp.int32)
+    order = jnp.arange(most_cells, dtype=jnp.int32)
+    cells = backward[jnp.maximum(length - 1 - order, 0)]
+    i = cells % n
+    path = jnp.stack([i, cells // n - i], axis=-1)
+    steps = jnp.diff(path, axis=0, prepend=jnp.full((1, 2), -1, jnp.int32))
+    weights = jnp.sum(steps, axis=-1) if pattern.weighted else jnp.ones_like(order)
+    return path, jnp.where(order < length, weights, 0), length
+
+
+@jax.custom_jvp
+def _selected_cost(d, total, path, weights):
+    """``total``, which is Σ_t weights_t · d[path_t], with that sum's derivative in d."""
+    return total
+
+
+@_selected_cost.defjvp
+def _selected_cost_jvp(primals, tangents):
+    d, total, path, weights = primals
+    selected = tangents[0][path[:, 0], path[:, 1]]
+    return _selected_cost(d, total, path, weights), jnp.sum(weights * selected)
