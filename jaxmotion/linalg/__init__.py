@@ -1,0 +1,37 @@
+"""Linear algebra along time: banded systems and the chain behind the smoothers, all O(frames)."""
+
+from jaxmotion.linalg.banded import (
+    BandedFactor,
+    banded_factor,
+    banded_log_det,
+    banded_matvec,
+    banded_selected_inverse,
+    banded_solve,
+)
+from jaxmotion.linalg.difference_chain import (
+    ChainFactor,
+    DifferenceChain,
+    chain_covariance,
+    chain_factor,
+    chain_log_det,
+    chain_matvec,
+    chain_sample,
+    chain_solve,
+)
+
+__all__ = [
+    "BandedFactor",
+    "ChainFactor",
+    "DifferenceChain",
+    "banded_factor",
+    "banded_log_det",
+    "banded_matvec",
+    "banded_selected_inverse",
+    "banded_solve",
+    "chain_covariance",
+    "chain_factor",
+    "chain_log_det",
+    "chain_matvec",
+    "chain_sample",
+    "chain_solve",
+]
