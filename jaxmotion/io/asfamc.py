@@ -1,0 +1,226 @@
+"""Acclaim motion (.amc) and its skeleton (.asf), both ways.
+
+| file | what |
+|---|---|
+| :mod:`jaxmotion.io.asf` | skeleton in: names, offsets, axes, dofs, limits, units |
+| :mod:`jaxmotion.io.asf_write` | skeleton out, from any offsets |
+| :mod:`jaxmotion.io.amc` | the motion's table, in and out |
+| :mod:`jaxmotion.io.asf_dofs` | q = C R C⁻¹: the table's dofs ↔ local transforms |
+
+Dofs that a bone lacks, or a file leaves out, are 0. Angles are degrees or radians as the AMC (else
+the ASF) says. Lengths stay in the file's unit; ``Skeleton.length_unit`` keeps its factor (CMU:
+0.45; a length divided by it is in inches). Few files tell their frame rate
+(``:SAMPLES-PER-SECOND``); CMU's is 120.
+
+Writing keeps dofs, limits and axes. A rotation or translation that a bone's dofs cannot express
+gets the missing ones added after them, with whole-range limits, so nothing is lost: smoothing a
+knee of one dof makes it a knee of three. A :class:`~jaxmotion.io.MotionFileWarning` names the
+joints. A skeleton from elsewhere gets bones that fit its offsets,
+axes along the world's and dofs in the order of its BVH channels. Angles are unwrapped along time
+and rounded to 10⁻¹² degrees, less than their conversion costs, so that a file's own decimals come
+back; lengths are exact; float32 motions are written with nine digits. O(T·J).
+
+Source: Acclaim, "Skeleton File Definition V1.10" (1995); Meredith & Maddock 2001.
+"""
+
+import warnings
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmotion.io.amc import read_amc, write_amc
+from jaxmotion.io.asf import read_asf
+from jaxmotion.io.asf_dofs import dofs_from_transforms, places, transforms_from_dofs
+from jaxmotion.io.asf_write import asf_bones, asf_names, asf_text
+from jaxmotion.io.atomic import atomic_write
+from jaxmotion.io.errors import MotionFileError, MotionFileWarning
+from jaxmotion.io.precision import float_type
+from jaxmotion.motion import Motion
+from jaxmotion.skeleton import AsfBone, Skeleton
+
+_DECIMALS = 12
+
+
+def load_amc(
+    path: str | PathLike,
+    *,
+    asf: str | PathLike | None = None,
+    fps: float | None = None,
+    dtype=None,
+) -> Motion:
+    """Read an AMC motion and its ASF skeleton.
+
+    **Arguments:** ``asf``: the skeleton's file; by default the one beside ``path`` with its stem,
+    or with the stem up to an underscore (``02_05.amc`` → ``02.asf``), or the folder's only one;
+    ``fps``: frames a second, by default what the file says, else 120; ``dtype``: float32 or
+    float64, by default JAX's.
+    **Returns:** a :class:`~jaxmotion.Motion`; ``skeleton.asf`` and ``skeleton.channels`` hold the
+    bones' axes, limits and dofs.
+    **Raises:** :class:`MotionFileError` for a file that cannot be understood, or no ASF;
+    ``OSError`` for one that cannot be opened; ``ValueError`` for an impossible ``fps``.
+    """
+    if fps is not None and not 0 < fps < np.inf:
+        raise ValueError(f"load_amc: fps={fps!r}; expected a positive number")
+    path = Path(path)
+    dtype = float_type(dtype)
+    skeleton, asf_unit = read_asf(Path(asf) if asf is not None else _asf_beside(path))
+    widths = {n: len(d) for n, d in zip(skeleton.names, skeleton.channels, strict=True)}
+    table = read_amc(path, widths)
+    columns = table.columns
+    if (table.unit or asf_unit) == "deg":
+        dofs = dict(zip(skeleton.names, skeleton.channels, strict=True))
+        columns = {n: _in_radians(v, dofs[n]) for n, v in columns.items()}
+    translations, rotations = transforms_from_dofs(skeleton, columns, table.num_frames)
+    moving = [
+        j for j, dofs in enumerate(skeleton.channels) if any(name[0] in "tT" for name in dofs)
+    ]
+    with np.errstate(over="ignore"):
+        arrays = [
+            a.astype(dtype)
+            for a in (skeleton.offsets, skeleton.end_offsets, translations, rotations)
+        ]
+    if not all(np.isfinite(a).all() for a in arrays):
+        raise MotionFileError(path, f"lengths too large for {dtype}", expected="finite lengths")
+    offsets, end_offsets, translations, rotations = map(jnp.asarray, arrays)
+    return Motion(
+        Skeleton(
+            skeleton.names,
+            skeleton.parents,
+            offsets,
+            end_joints=skeleton.end_joints,
+            end_offsets=end_offsets,
+            channels=skeleton.channels,
+            asf=skeleton.asf,
+            length_unit=skeleton.length_unit,
+        ),
+        translations,
+        rotations,
+        1.0 / (fps or table.fps or 120.0),
+        translated_joints=tuple(moving),
+    )
+
+
+def save_amc(
+    motion: Motion,
+    path: str | PathLike,
+    *,
+    asf: str | PathLike | None = None,
+    overwrite: bool = True,
+) -> None:
+    """Write an AMC motion and its ASF skeleton, each whole or not at all.
+
+    **Arguments:** ``motion``: one clip; ``asf``: where the skeleton goes, by default ``path`` with
+    the suffix .asf; ``overwrite``: whether files of those names may be replaced.
+    **Raises:** ``ValueError`` for several clips, no frames, NaN, or one name for both files;
+    ``FileExistsError`` and other ``OSError`` from writing.
+    """
+    path = Path(path)
+    asf = path.with_suffix(".asf") if asf is None else Path(asf)
+    if asf.resolve() == path.resolve():
+        raise ValueError(f"save_amc: path and asf are both {path}; give two names")
+    _check(motion)
+    if not overwrite and (existing := [p for p in (path, asf) if p.exists()]):
+        raise FileExistsError(f"{existing[0]} exists; pass overwrite=True to replace it")
+    skeleton = motion.skeleton
+    bones = asf_bones(skeleton)
+    dofs, values = dofs_from_transforms(
+        skeleton, bones, np.asarray(motion.translations), np.asarray(motion.rotations)
+    )
+    _report_added(path, skeleton, dofs)
+    columns = {
+        name: _in_degrees(table, names)
+        for name, names, table in zip(asf_names(skeleton), dofs, values, strict=True)
+        if names
+    }
+    limits = [_limits(bone, names) for bone, names in zip(bones, dofs, strict=True)]
+    text = asf_text(skeleton, bones, dofs, limits)
+    digits = "%r" if motion.dtype == np.float64 else "%.9g"
+    with (
+        atomic_write(asf, overwrite=overwrite) as asf_file,
+        atomic_write(path, overwrite=overwrite) as amc_file,
+    ):
+        asf_file.write(text.encode())
+        write_amc(amc_file, columns, _fps_text(np.asarray(motion.frame_time)), digits)
+
+
+def _asf_beside(path: Path) -> Path:
+    if not path.exists():
+        raise FileNotFoundError(f"there is no file {path}")
+    found = sorted(p for p in path.parent.iterdir() if p.suffix.lower() == ".asf")
+    by_stem = {p.stem.lower(): p for p in found}
+    stem = path.stem.lower()
+    while stem:
+        if stem in by_stem:
+            return by_stem[stem]
+        stem = stem.rpartition("_")[0]
+    if len(found) == 1:
+        return found[0]
+    raise MotionFileError(
+        path,
+        f"{len(found) or 'no'} .asf files beside it, none of its name",
+        expected=f"its skeleton, such as {path.stem.partition('_')[0]}.asf",
+        hint="pass the skeleton's file: asf=...",
+    )
+
+
+def _check(motion: Motion) -> None:
+    translations, rotations = np.asarray(motion.translations), np.asarray(motion.rotations)
+    if rotations.ndim != 3 or len(rotations) == 0:
+        raise ValueError(
+            f"save_amc: a motion of rotations {rotations.shape}; expected one clip with frames"
+        )
+    usable = np.isfinite(translations).all(-1) & np.isfinite(rotations).all(-1)
+    usable &= rotations.any(-1)
+    if not usable.all():
+        frame, joint = np.argwhere(~usable)[0]
+        raise ValueError(
+            f"save_amc: joint {motion.skeleton.names[joint]!r} at frame {frame} has no finite "
+            "translation and rotation; repair the motion first"
+        )
+
+
+def _turning(dofs: Sequence[str]) -> np.ndarray:
+    return np.array([kind == "r" for kind, _ in places(dofs)], bool)
+
+
+def _in_radians(values: np.ndarray, dofs: Sequence[str]) -> np.ndarray:
+    return np.where(_turning(dofs), np.radians(values), values)
+
+
+def _in_degrees(values: np.ndarray, dofs: Sequence[str]) -> np.ndarray:
+    return np.where(_turning(dofs), np.round(np.degrees(values), _DECIMALS), values)
+
+
+def _report_added(path: Path, skeleton: Skeleton, dofs: Sequence[Sequence[str]]) -> None:
+    if not skeleton.asf:
+        return
+    pairs = zip(skeleton.names, skeleton.channels, dofs, strict=True)
+    changed = [name for name, before, after in pairs if len(after) > len(before)]
+    if changed:
+        warnings.warn(
+            f"{path}: degrees of freedom were added, so that nothing is lost, to "
+            f"{', '.join(changed)}",
+            MotionFileWarning,
+            stacklevel=3,
+        )
+
+
+def _limits(bone: AsfBone, dofs: Sequence[str]) -> tuple[tuple[float, float], ...]:
+    """The bone's limits, and whole ranges for the dofs that were added."""
+    if not bone.limits:
+        return ()
+    whole = [(-180.0, 180.0) if name[0] in "rR" else (-np.inf, np.inf) for name in dofs]
+    return (*bone.limits, *whole[len(bone.limits) :])
+
+
+def _fps_text(frame_time: np.ndarray) -> str:
+    """The shortest decimal that reads back as this frame time in its dtype."""
+    text = ""
+    for digits in range(1, 18):
+        text = repr(float(f"{1.0 / float(frame_time):.{digits}g}"))
+        if frame_time.dtype.type(1.0 / float(text)) == frame_time:
+            break
+    return text
