@@ -20,35 +20,79 @@ from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
 
-_MODULES = ("io", "linalg", "quaternion", "samples", "smoothing", "timing")
+_MODULES = (
+    "displacement",
+    "io",
+    "layers",
+    "linalg",
+    "quaternion",
+    "samples",
+    "smoothing",
+    "timing",
+)
 
 _HOMES = {
     "Skeleton": "skeleton",
     "Motion": "motion",
+    "facing_direction": "kinematics",
     "forward_kinematics": "kinematics",
+    "velocities": "kinematics",
+    "MotionLayers": "layers",
+    "decompose": "layers",
+    "denoise": "layers",
+    "joint_weights": "layers",
+    "stylize": "layers",
+    "synthesize": "layers",
     "load": "io",
     "save": "io",
 }
 
 if TYPE_CHECKING:
-    from jaxmotion import io, linalg, quaternion, samples, smoothing, timing
+    from jaxmotion import (
+        displacement,
+        io,
+        layers,
+        linalg,
+        quaternion,
+        samples,
+        smoothing,
+        timing,
+    )
     from jaxmotion.io import load, save
-    from jaxmotion.kinematics import forward_kinematics
+    from jaxmotion.kinematics import facing_direction, forward_kinematics, velocities
+    from jaxmotion.layers import (
+        MotionLayers,
+        decompose,
+        denoise,
+        joint_weights,
+        stylize,
+        synthesize,
+    )
     from jaxmotion.motion import Motion
     from jaxmotion.skeleton import Skeleton
 
 __all__ = [
     "Motion",
+    "MotionLayers",
     "Skeleton",
+    "decompose",
+    "denoise",
+    "displacement",
+    "facing_direction",
     "forward_kinematics",
     "io",
+    "joint_weights",
+    "layers",
     "linalg",
     "load",
     "quaternion",
     "samples",
     "save",
     "smoothing",
+    "stylize",
+    "synthesize",
     "timing",
+    "velocities",
 ]
 
 

@@ -1,0 +1,97 @@
+"""Edited motions from layers (Eom et al. 2019, §5.2): M′ = Mᵇ ⊕ W(t)·δᶜ [⊕ ρ·δʳ] (Eq. 16, 17).
+
+W scales every joint's control displacement by α: 0 leaves the base, 1 denoises, more exaggerates,
+less attenuates, negative mirrors the style. α differs by joint for local style, and by frame for
+style that comes and goes. O(T·J), differentiable in everything.
+"""
+
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
+from jaxmotion.displacement import Displacement, plus
+from jaxmotion.layers.decompose import MotionLayers, decompose
+from jaxmotion.motion import Motion
+from jaxmotion.skeleton import Skeleton
+
+
+@eqx.filter_jit
+def synthesize(
+    layers: MotionLayers,
+    alpha: ArrayLike = 1.0,
+    residual: ArrayLike = 0.0,
+    *,
+    translation_alpha: ArrayLike | None = None,
+) -> Motion:
+    """The motion with its control layer scaled and its residual layer kept or dropped.
+
+    **Arguments:** ``alpha``: gain of the control layer: a scalar, per joint f[J], or per frame and
+    joint f[T, J]; ``residual``: gain of the residual, likewise: 0 removes the noise, 1 keeps it;
+    ``translation_alpha``: gain of the translations if it is to differ from ``alpha``.
+    **Returns:** a motion of the layers' shape; ``synthesize(layers, 1, 1)`` is the original.
+    **Raises:** ``ValueError`` for a gain of another shape.
+    """
+    alpha = _gain("alpha", alpha, layers)
+    residual = _gain("residual", residual, layers)
+    control = layers.control.scale(alpha)
+    if translation_alpha is not None:
+        gain = _gain("translation_alpha", translation_alpha, layers)
+        moved = layers.control.scale(gain).translations
+        control = Displacement(moved, control.rotations)
+    return plus(plus(layers.base, control), layers.residual.scale(residual))
+
+
+def denoise(
+    motion: Motion, *, lam: ScalarLike = 1.0, sigma: ScalarLike = 1.0, strength: ArrayLike = 1.0
+) -> Motion:
+    """Remove the residual layer.
+
+    **Arguments:** ``lam``, ``sigma``: parameters of the control layer, scalars or f[J] (the
+    paper's 1, 1); ``strength``: the share of the residual that is removed, 1 for all, 0 for none;
+    a scalar, f[J] or f[T, J].
+    **Returns:** a motion of the same shape. Eom et al. 2019, §5.2 (α = 1).
+    """
+    layers = decompose(motion, lam_c=lam, sigma_c=sigma)
+    return synthesize(layers, 1.0, 1.0 - jnp.asarray(strength, motion.dtype))
+
+
+def stylize(
+    motion: Motion, alpha: ArrayLike, *, residual: ArrayLike = 0.0, gamma: ScalarLike = np.pi / 2
+) -> Motion:
+    """Exaggerate (α > 1) or attenuate (α < 1) the style of a motion.
+
+    **Arguments:** as :func:`synthesize` and :func:`decompose`; :func:`joint_weights` makes an
+    ``alpha`` from names. **Returns:** a motion of the same shape. Eom et al. 2019, §5.2.
+    """
+    return synthesize(decompose(motion, gamma=gamma), alpha, residual)
+
+
+def joint_weights(
+    skeleton: Skeleton, gains: Mapping[str, float], *, default: float = 1.0
+) -> Float[AnyArray, " joint"]:
+    """One gain a joint from name patterns: ``joint_weights(skeleton, {"*Arm*": 2.0})``.
+
+    **Arguments:** ``gains``: shell patterns (any case) to gains; a later pattern overrides an
+    earlier one; ``default``: for joints no pattern matches.
+    **Returns:** f[J], in the type of the skeleton's offsets.
+    **Raises:** ``ValueError``, listing the joints, when a pattern matches none.
+    """
+    weights = np.full(skeleton.num_joints, default)
+    for pattern, gain in gains.items():
+        weights[list(skeleton.matching(pattern))] = gain
+    return jnp.asarray(weights, skeleton.offsets.dtype)
+
+
+def _gain(name: str, value: ArrayLike, layers: MotionLayers):
+    value = jnp.asarray(value, layers.base.dtype)
+    frames, joints = layers.base.num_frames, layers.base.num_joints
+    if value.shape not in ((), (joints,), (frames, joints), (frames, 1)):
+        raise ValueError(
+            f"synthesize: {name} has shape {value.shape}; expected a scalar, ({joints},) per joint "
+            f"or ({frames}, {joints}) per frame and joint"
+        )
+    return value

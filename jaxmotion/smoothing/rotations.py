@@ -1,0 +1,175 @@
+"""The LGS on rotations and on whole motions (Eom et al. 2019, Eq. 11 and Fig. 6).
+
+    chordal   x = lgs of the four components of sign-aligned quaternions, renormalised      Eq. 11
+    rotvec    x = exp(lgs of log(q)): the exponential-map baseline; breaks where log wraps   Fig. 6
+
+Signs decide which way round a filter goes between two keys, so neighbours in time are first put in
+one hemisphere (``signs="nearest"``); frames of weight 0 take no part in that. O(T·J).
+
+Where smoothed components cancel (‖x‖ < 1e−6, only with λσ so large that samples half a turn apart
+are averaged) there is no mean rotation, and the identity is returned.
+"""
+
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxmotion import quaternion
+from jaxmotion._numerics import safe_norm
+from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
+from jaxmotion.motion import Motion
+from jaxmotion.smoothing.lgs import lgs
+
+
+def smooth_quaternions(
+    q: Quaternion,
+    lam: ScalarLike,
+    sigma: ScalarLike,
+    *,
+    index: ArrayLike | None = None,
+    num_frames: int | None = None,
+    order: Literal[1, 2] = 2,
+    weights: ArrayLike | None = None,
+    scale: Literal["half", "unit"] = "half",
+    representation: Literal["chordal", "rotvec"] = "chordal",
+    signs: Literal["nearest", "input"] = "nearest",
+) -> Quaternion:
+    """Smooth or resample rotations along axis 0.
+
+    **Arguments:** ``q``: f[Nd, ..., 4], unit; ``lam``, ``sigma``: scalars, or broadcasting with
+    q's middle axes (per joint), traced or not; ``index``, ``num_frames``, ``order``, ``scale``: as
+    :func:`~jaxmotion.smoothing.lgs`; ``weights``: f[Nd] or f[Nd, ...] per joint, 0 for missing
+    data, whatever q holds there; ``signs``: "nearest" hemisphere along time, or the "input"'s own.
+    **Returns:** f[Nf, ..., 4], unit.
+    **Raises:** ``ValueError`` for shapes and options that do not fit; as ``lgs`` at run time.
+    """
+    if representation not in ("chordal", "rotvec"):
+        raise ValueError(
+            f"smooth_quaternions: representation={representation!r}; expected 'chordal' or 'rotvec'"
+        )
+    if signs not in ("nearest", "input"):
+        raise ValueError(f"smooth_quaternions: signs={signs!r}; expected 'nearest' or 'input'")
+    q = jnp.asarray(q)
+    if q.ndim < 2 or q.shape[-1] != 4:
+        raise ValueError(f"smooth_quaternions: q must have shape (T, ..., 4), got {q.shape}")
+    if weights is not None:
+        weights = _per_component(jnp.asarray(weights, q.dtype), q.ndim)
+        q = _filled(q, weights)
+    if signs == "nearest":
+        q = _aligned_in_time(q, index)
+    x = lgs(
+        q if representation == "chordal" else quaternion.log(q),
+        _on_components(lam),
+        _on_components(sigma),
+        index=index,
+        num_frames=num_frames,
+        order=order,
+        weights=_squeezed(weights),
+        scale=scale,
+    ).mean
+    if representation == "rotvec":
+        return quaternion.exp(x)
+    cancelled = safe_norm(x, keepdims=True) < 1e-6
+    return quaternion.normalize(jnp.where(cancelled, 0, x))
+
+
+def smooth_motion(
+    motion: Motion,
+    lam: ScalarLike,
+    sigma: ScalarLike,
+    *,
+    index: ArrayLike | None = None,
+    num_frames: int | None = None,
+    order: Literal[1, 2] = 2,
+    weights: ArrayLike | None = None,
+    scale: Literal["half", "unit"] = "half",
+    representation: Literal["chordal", "rotvec"] = "chordal",
+) -> Motion:
+    """Smooth every joint's rotation, and the translations of the joints that are translated.
+
+    **Arguments:** ``lam``, ``sigma``: scalars or f[J], traced or not (σ is in radians for chordal
+    components' half angles and in length units for translations; only λσ matters to the mean);
+    ``weights``: f[T] or f[T, J], 0 for missing; others as :func:`smooth_quaternions`.
+    **Returns:** a motion of ``num_frames`` frames and the same frame time.
+    **Raises:** as :func:`smooth_quaternions`.
+    """
+    lam = _checked_gain("lam", lam, motion.num_joints)
+    sigma = _checked_gain("sigma", sigma, motion.num_joints)
+    weights = None if weights is None else jnp.asarray(weights, motion.dtype)
+    rotations = smooth_quaternions(
+        motion.rotations,
+        lam,
+        sigma,
+        index=index,
+        num_frames=num_frames,
+        order=order,
+        weights=weights,
+        scale=scale,
+        representation=representation,
+    )
+    moved = np.asarray(motion.translated_joints, int)
+    shape = (rotations.shape[0], motion.num_joints, 3)
+    translations = jnp.broadcast_to(motion.translations[:1], shape)
+    if moved.size:
+        smooth = lgs(
+            motion.translations[:, moved],
+            _of_joints(lam, moved),
+            _of_joints(sigma, moved),
+            index=index,
+            num_frames=num_frames,
+            order=order,
+            weights=weights if weights is None or weights.ndim == 1 else weights[:, moved, None],
+            scale=scale,
+        ).mean
+        translations = translations.at[:, moved].set(smooth)
+    return motion.with_transforms(translations, rotations)
+
+
+def _per_component(weights: Array, ndim: int) -> Array:
+    """Weights (Nd,) or (Nd, ...) with unit axes up to q's rank."""
+    return weights.reshape(weights.shape + (1,) * (ndim - weights.ndim))
+
+
+def _squeezed(weights: Array | None) -> Array | None:
+    """Weights shared by all channels as a vector, so that they are factored once."""
+    if weights is None or weights.size != weights.shape[0]:
+        return weights
+    return weights.reshape(-1)
+
+
+def _filled(q: Array, weights: Array) -> Array:
+    """Missing samples take the value of the last one before them that is there (else the next)."""
+    frames = np.arange(q.shape[0]).reshape((-1,) + (1,) * (q.ndim - 1))
+    there = weights > 0
+    last = jax.lax.cummax(jnp.where(there, frames, -1), axis=0)
+    first = jnp.argmax(there, axis=0, keepdims=True)
+    return jnp.take_along_axis(q, jnp.where(last < 0, first, last), axis=0)
+
+
+def _aligned_in_time(q: Array, index: ArrayLike | None) -> Array:
+    if index is None:
+        return quaternion.align_signs(q)
+    in_time = jnp.argsort(jnp.asarray(index))
+    return quaternion.align_signs(q[in_time])[jnp.argsort(in_time)]
+
+
+def _on_components(parameter: ScalarLike) -> ScalarLike:
+    """A scalar as it is; per joint with a component axis."""
+    return parameter if np.ndim(parameter) == 0 else jnp.asarray(parameter)[..., None]
+
+
+def _of_joints(parameter: ScalarLike, joints: np.ndarray) -> ScalarLike:
+    """The chosen joints' values of a per-joint parameter, with a component axis."""
+    return parameter if np.ndim(parameter) == 0 else jnp.asarray(parameter)[joints, None]
+
+
+def _checked_gain(name: str, value: ScalarLike, joints: int) -> ScalarLike:
+    if np.shape(value) not in ((), (joints,)):
+        raise ValueError(
+            f"smooth_motion: {name} has shape {np.shape(value)}; expected a scalar or ({joints},), "
+            "one a joint"
+        )
+    return value
