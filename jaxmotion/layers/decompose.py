@@ -51,7 +51,6 @@ class MotionLayers(eqx.Module):
     saturated: Bool[Array, "..."]
 
 
-@eqx.filter_jit
 def decompose(
     motion: Motion,
     *,
@@ -74,6 +73,19 @@ def decompose(
         raise ValueError(f"decompose: scope={scope!r}; expected 'global' or 'per_joint'")
     if not isinstance(gamma, jax.Array) and not 0 < float(gamma) < np.pi:
         raise ValueError(f"decompose: gamma={gamma}; expected an angle between 0 and π")
+    gamma, lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (gamma, lam_c, sigma_c))
+    return _decompose(motion, gamma, lam_c, sigma_c, scope, order)
+
+
+@eqx.filter_jit
+def _decompose(
+    motion: Motion,
+    gamma: Array,
+    lam_c: Array,
+    sigma_c: Array,
+    scope: Literal["global", "per_joint"],
+    order: Literal[1, 2],
+) -> MotionLayers:
     motion = motion.with_transforms(rotations=quaternion.align_signs(motion.rotations))
     rung, saturated = _climb(jax.lax.stop_gradient(motion.rotations), gamma, scope, order)
     lam, sigma = _rung_parameters(rung, motion.dtype)
@@ -88,10 +100,9 @@ def decompose(
     return MotionLayers(base, control, residual, lam, sigma, saturated)
 
 
-def _climb(rotations: Array, gamma: ScalarLike, scope: str, order: Literal[1, 2]):
+def _climb(rotations: Array, gamma: Array, scope: str, order: Literal[1, 2]):
     """The last rung before the first whose displacements pass γ, and whether there was none."""
     joints = rotations.shape[1] if scope == "per_joint" else 1
-    gamma = jnp.asarray(gamma, rotations.dtype)
 
     def exceeds(k):
         base = smooth_quaternions(rotations, *_rung_parameters(k, rotations.dtype), order=order)
@@ -117,6 +128,6 @@ def _rung_parameters(k: Array, dtype) -> tuple[Array, Array]:
     return _LAM_0 * growth, _SIGMA_0 * growth
 
 
-def _smoothed(x: AnyArray, lam: ScalarLike, sigma: ScalarLike, order: Literal[1, 2]) -> Array:
-    lam, sigma = (p if np.ndim(p) == 0 else jnp.asarray(p)[:, None] for p in (lam, sigma))
+def _smoothed(x: AnyArray, lam: Array, sigma: Array, order: Literal[1, 2]) -> Array:
+    lam, sigma = (p if p.ndim == 0 else p[:, None] for p in (lam, sigma))
     return lgs(x, lam, sigma, order=order).mean

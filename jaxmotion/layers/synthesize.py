@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, plus
@@ -19,7 +19,6 @@ from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 
 
-@eqx.filter_jit
 def synthesize(
     layers: MotionLayers,
     alpha: ArrayLike = 1.0,
@@ -35,13 +34,19 @@ def synthesize(
     **Returns:** a motion of the layers' shape; ``synthesize(layers, 1, 1)`` is the original.
     **Raises:** ``ValueError`` for a gain of another shape.
     """
-    alpha = _gain("alpha", alpha, layers)
-    residual = _gain("residual", residual, layers)
-    control = layers.control.scale(alpha)
-    if translation_alpha is not None:
-        gain = _gain("translation_alpha", translation_alpha, layers)
-        moved = layers.control.scale(gain).translations
-        control = Displacement(moved, control.rotations)
+    moving = alpha if translation_alpha is None else translation_alpha
+    return _synthesize(
+        layers,
+        _gain("alpha", alpha, layers),
+        _gain("translation_alpha", moving, layers),
+        _gain("residual", residual, layers),
+    )
+
+
+@eqx.filter_jit
+def _synthesize(layers: MotionLayers, turning: Array, moving: Array, residual: Array) -> Motion:
+    rotations = layers.control.scale(turning).rotations
+    control = Displacement(layers.control.scale(moving).translations, rotations)
     return plus(plus(layers.base, control), layers.residual.scale(residual))
 
 
