@@ -7,21 +7,19 @@
 | ``.npz`` | yes, ours and AMASS | ours | :mod:`jaxmotion.io.npz`, :mod:`jaxmotion.io.amass` |
 
 Files are parsed in float64; a file is written whole or not at all. Trouble with a file's contents
-is a :class:`MotionFileError` (path, line, frame, what was found, what was expected, what to try).
+is a :class:`MotionFileError` (path, line, frame, what was found, what was expected, what to try);
+a repair, or a change of layout that the format forced, is a :class:`MotionFileWarning`.
 """
 
 from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-
-from jaxmotion.io.errors import MotionFileError
+from jaxmotion.io.errors import MotionFileError, MotionFileWarning
+from jaxmotion.io.precision import float_type
 from jaxmotion.motion import Motion
 
-__all__ = ["MotionFileError", "load", "save"]
+__all__ = ["MotionFileError", "MotionFileWarning", "load", "save"]
 
 
 def load(path: str | PathLike, *, dtype=None, **format_options) -> Motion:
@@ -36,7 +34,7 @@ def load(path: str | PathLike, *, dtype=None, **format_options) -> Motion:
     that is not available.
     """
     reader = _reader(Path(path))
-    return reader(path, dtype=_float_type(dtype), **format_options)
+    return reader(path, dtype=float_type(dtype), **format_options)
 
 
 def save(motion: Motion, path: str | PathLike, *, overwrite: bool = True, **format_options) -> None:
@@ -98,15 +96,3 @@ def _unknown(path: Path) -> MotionFileError:
         expected=".bvh, .amc (with its .asf) or .npz",
         hint=hint,
     )
-
-
-def _float_type(dtype) -> np.dtype:
-    available = np.dtype(jnp.zeros((), float).dtype)
-    wanted = available if dtype is None else np.dtype(dtype)
-    if wanted not in (np.float32, np.float64):
-        raise ValueError(f"load: dtype={dtype!r}; expected float32 or float64")
-    if wanted == np.float64 and available != np.float64:
-        raise ValueError(
-            "load: dtype=float64 needs 64-bit types: jax.config.update('jax_enable_x64', True)"
-        )
-    return wanted

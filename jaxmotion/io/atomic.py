@@ -43,11 +43,22 @@ def atomic_write(path: str | PathLike, *, overwrite: bool = True) -> Iterator[IO
         if overwrite:
             os.replace(name, target)
         else:
-            os.link(name, target)
-            os.unlink(name)
+            _rename_to_new(name, target)
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
+
+
+def _rename_to_new(name: str, target: Path) -> None:
+    """Rename unless ``target`` has appeared meanwhile, where the file system can tell."""
+    try:
+        os.link(name, target)
+    except FileExistsError:
+        raise FileExistsError(f"{target} exists; pass overwrite=True to replace it") from None
+    except OSError:
+        os.replace(name, target)
+    else:
+        os.unlink(name)
 
 
 def _mode(target: Path) -> int:

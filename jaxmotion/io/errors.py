@@ -1,4 +1,7 @@
-"""What goes wrong with a file: one exception that says where, what was wanted and what to try."""
+"""What goes wrong with a file.
+
+One exception that says where, what was wanted and what to try; one warning for what was repaired.
+"""
 
 from os import PathLike, fspath
 
@@ -54,6 +57,10 @@ class MotionFileError(ValueError):
             self.line,
             self.frame,
         )
+
+
+class MotionFileWarning(UserWarning):
+    """A file was repaired while reading, or its layout had to change so that nothing was lost."""
 
 
 def _rebuild(path, found, expected, hint, line, frame):

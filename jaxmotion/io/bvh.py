@@ -1,0 +1,211 @@
+"""BVH files (Biovision hierarchy): a tree of joints, and a row of channel values a frame.
+
+Reading. Position channels replace OFFSET, axis by axis; axes without one keep OFFSET. Rotation
+channels, in degrees, become a local unit quaternion, q = q₁(θ₁) q₂(θ₂) q₃(θ₃), intrinsic, in the
+file's order for that joint. A joint counts as translated if a position value leaves OFFSET by more
+than a millionth of the longest offset (exporters repeat OFFSET in single precision, which is no
+movement; the values are kept as they are); the root always does. Names, channel names and order, end sites and the text of the
+frame time are kept. Read without complaint: any mixture of channels, CRLF, tabs, byte-order marks
+(UTF-8, UTF-16), Latin-1 names, exponents, no line end at the end of the file. Repaired, with a
+:class:`~jaxmotion.io.MotionFileWarning`: a frame count that is not the number of rows (the rows
+count), a last row that is cut off (dropped), a name used twice (numbered).
+
+Writing. Translations are exact (the shortest decimals that read back as the same number); angles
+are unwrapped against the frame before and rounded to 10⁻¹² degrees, so rotations come back to
+better than 10⁻¹² rad and a file's own decimals come back as they were. Nothing of a motion is lost:
+where a joint's channels cannot express what it does, the missing rotations are added after its
+channels, the missing positions in front of them, with a warning that names the joints. Channels
+that are not BVH's (a skeleton from another format) become BVH's usual ones. Joints are written
+depth first.
+
+Memory: the file's text and the motion's arrays; both ways work through a few megabytes at a time.
+"""
+
+import codecs
+import re
+import warnings
+from os import PathLike
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from jaxmotion.io import bvh_write
+from jaxmotion.io.atomic import atomic_write
+from jaxmotion.io.bvh_frames import Frames, find_rows, parse_header, parse_rows
+from jaxmotion.io.bvh_hierarchy import Hierarchy, parse_hierarchy, parse_number
+from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted
+from jaxmotion.io.euler_blocks import quaternions
+from jaxmotion.io.precision import float_type
+from jaxmotion.motion import Motion
+from jaxmotion.skeleton import Skeleton
+
+_MOTION = re.compile(rb"^[ \t}]*(MOTION)[ \t\r]*$", re.IGNORECASE | re.MULTILINE)
+_OFFSET_ROUNDING = 1e-6
+_MOST_POSES_A_BYTE = 100
+
+
+def load_bvh(
+    path: str | PathLike, *, dtype=None, frame_time: float | None = None, up: str = "y"
+) -> Motion:
+    """Read a BVH file; see the module for what is kept, accepted and repaired.
+
+    **Arguments:** ``path``: the file; ``dtype``: of the arrays, as :func:`jaxmotion.load`;
+    ``frame_time``: seconds, to overrule the file's; ``up``: the axis that points up, which BVH
+    does not say.
+    **Returns:** a :class:`~jaxmotion.Motion`, lengths in the file's unit.
+    **Raises:** :class:`~jaxmotion.io.MotionFileError` for a file that cannot be understood;
+    ``OSError`` for one that cannot be opened.
+    """
+    dtype = float_type(dtype)
+    data = _as_text(path, Path(path).read_bytes())
+    word = _MOTION.search(data)
+    top = data[: word.start(1)] if word else data
+    hierarchy = parse_hierarchy(path, _decoded(top))
+    if word is None:
+        line = data.count(b"\n") + 1
+        raise MotionFileError(
+            path,
+            "the end of the file",
+            expected="MOTION after the hierarchy",
+            hint="the file may be cut off; export it again",
+            line=line,
+        )
+    frames = parse_header(path, data, word.end(1))
+    seconds, text = _frame_time(path, frames, frame_time, dtype)
+    if np.abs(hierarchy.offsets).max() > np.finfo(dtype).max:
+        raise _too_large(path, dtype)
+    translations, rotations, moved = _read_frames(path, data, frames, hierarchy, dtype)
+    skeleton = Skeleton(
+        hierarchy.names,
+        hierarchy.parents,
+        jax.device_put(hierarchy.offsets.astype(dtype)),
+        end_joints=hierarchy.end_joints,
+        end_offsets=jax.device_put(hierarchy.end_offsets.astype(dtype)),
+        end_labels=hierarchy.end_labels,
+        channels=hierarchy.channels,
+        up=up,
+    )
+    return Motion(
+        skeleton,
+        jax.device_put(translations),
+        jax.device_put(rotations),
+        seconds,
+        translated_joints=moved,
+        frame_time_text=text,
+    )
+
+
+def save_bvh(motion: Motion, path: str | PathLike, *, overwrite: bool = True) -> None:
+    """Write a BVH file, whole or not at all; see the module for what is written how.
+
+    **Arguments:** ``motion``: one clip of at least one frame, finite; ``path``: the file;
+    ``overwrite``: whether a file of that name may be replaced.
+    **Raises:** ``ValueError`` for a motion that BVH cannot hold (batched, no frames, not finite,
+    names with braces or line ends); ``FileExistsError`` and other ``OSError`` from writing.
+    """
+    plan = bvh_write.plan(motion)
+    if plan.extended:
+        warnings.warn(
+            f"{path}: channels were added to {len(plan.extended)} joints so that nothing is lost: "
+            f"{', '.join(plan.extended[:8])}",
+            MotionFileWarning,
+            stacklevel=2,
+        )
+    with atomic_write(path, overwrite=overwrite) as file:
+        file.write(bvh_write.header_text(motion, plan.channels))
+        for piece in bvh_write.frames_text(motion, plan):
+            file.write(piece)
+
+
+def _as_text(path, data: bytes) -> bytes:
+    """The bytes without a byte-order mark, in an encoding that contains ASCII, with line feeds."""
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        try:
+            data = data.decode("utf-16").encode("utf-8")
+        except UnicodeError:
+            raise MotionFileError(
+                path, "bytes that are not the UTF-16 they claim to be", expected="text", line=1
+            ) from None
+    data = data.removeprefix(codecs.BOM_UTF8)
+    return data if b"\n" in data else data.replace(b"\r", b"\n")
+
+
+def _decoded(data: bytes) -> str:
+    try:
+        return data.decode("utf-8")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def _frame_time(path, frames: Frames, given: float | None, dtype) -> tuple[float, str | None]:
+    seconds = parse_number(frames.frame_time_text) if given is None else float(given)
+    if seconds is None or not 0 < dtype.type(seconds) < np.inf:
+        comma = "write decimal points, not commas; or " if "," in frames.frame_time_text else ""
+        raise MotionFileError(
+            path,
+            f"Frame Time: {quoted(frames.frame_time_text)}" if given is None else f"{given}",
+            expected="a positive, finite number of seconds",
+            hint=f"{comma}pass frame_time=1/30 (or what is right) to load",
+            line=frames.line,
+        )
+    return seconds, frames.frame_time_text if given is None else None
+
+
+def _read_frames(path, data: bytes, frames: Frames, hierarchy: Hierarchy, dtype):
+    """Translations [T, J, 3], rotations [T, J, 4] in ``dtype``, and the translated joints."""
+    rows = find_rows(path, data, frames, hierarchy)
+    joints = len(hierarchy.names)
+    if rows.count * joints > _MOST_POSES_A_BYTE * len(data):
+        raise MotionFileError(
+            path,
+            f"{joints} joints, nearly all without channels, and {rows.count} frames",
+            expected="a motion that does not outgrow its file beyond measure",
+        )
+    translations = np.empty((rows.count, 3 * joints), dtype)
+    rotations = np.empty((rows.count, joints, 4), dtype)
+    translations[:] = hierarchy.offsets.reshape(-1)
+    rotations[:] = (1, 0, 0, 0)
+    columns, targets, groups = _column_map(hierarchy)
+    rest = hierarchy.offsets.reshape(-1)[targets]
+    slack = _OFFSET_ROUNDING * np.abs(hierarchy.offsets[1:]).max(initial=0.0)
+    differs = np.zeros(len(targets), bool)
+    for start, values in parse_rows(path, data, frames, rows, hierarchy):
+        if np.abs(values).max() > np.finfo(dtype).max:
+            raise _too_large(path, dtype)
+        here = slice(start, start + len(values))
+        positions = values[:, columns]
+        differs |= (np.abs(positions - rest) > slack).any(0)
+        translations[here, targets] = positions
+        for (order, used), (members, slots) in groups.items():
+            angles = np.zeros((len(values), len(members), 3))
+            angles[..., :used] = values[:, slots]
+            if np.abs(angles).max() > 720.0:
+                angles = np.fmod(angles, 720.0)
+            rotations[here, members] = quaternions(np.deg2rad(angles), order, dtype)
+    moved = {0, *(targets[differs] // 3).tolist()}
+    return translations.reshape(rows.count, joints, 3), rotations, tuple(sorted(moved))
+
+
+def _column_map(hierarchy: Hierarchy):
+    """Columns of positions and where they go (3·joint + axis); joints by Euler order.
+
+    Groups: {(order, rotation channels): (joints, columns [joints, rotation channels])}.
+    """
+    columns, targets, groups, base = [], [], {}, 0
+    for joint, layout in enumerate(hierarchy.layout):
+        for slot, axis in layout.positions:
+            columns.append(base + slot)
+            targets.append(3 * joint + axis)
+        if layout.rotations:
+            members, slots = groups.setdefault((layout.order, len(layout.rotations)), ([], []))
+            members.append(joint)
+            slots.append([base + slot for slot in layout.rotations])
+        base += len(hierarchy.channels[joint])
+    return np.array(columns, int), np.array(targets, int), groups
+
+
+def _too_large(path, dtype) -> MotionFileError:
+    return MotionFileError(
+        path, f"numbers beyond {np.finfo(dtype).max:.1e}", expected=f"numbers that fit {dtype}"
+    )

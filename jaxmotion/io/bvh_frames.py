@@ -1,0 +1,232 @@
+"""The lower half of a BVH file: one row of numbers a frame.
+
+    MOTION
+    Frames: T
+    Frame Time: seconds
+    c₁ … c_C        T rows, C the number of channels
+
+The rows that are there count, not the header's T: where they differ, the rows are kept and a
+:class:`~jaxmotion.io.MotionFileWarning` says so; a last row that is cut off is dropped likewise.
+A row may be wrapped over lines, but begins on a line of its own. Nothing is allocated from a
+number in the file; only from how many numbers the file holds.
+
+Two passes: the first counts the tokens of every line (byte masks), so that a missing number is
+found where it is missing; the second turns a few megabytes of text at a time into float64. Only
+when that fails does a slow search name the token. O(bytes).
+"""
+
+import re
+import warnings
+from collections.abc import Iterator
+from os import PathLike
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmotion.io.bvh_hierarchy import Hierarchy, parse_number
+from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted
+
+_FRAMES = re.compile(rb"\s*Frames[ \t]*:?[ \t]*([^\s:]*)", re.IGNORECASE)
+_FRAME_TIME = re.compile(rb"\s*Frame[ \t]*Time[ \t]*:?[ \t]*([^\s:]*)", re.IGNORECASE)
+_UNFINISHED = re.compile(rb"[+-]?\d*\.?\d*([eE][+-]?)?")
+_SCAN_BYTES = 1 << 20
+_PARSE_BYTES = 2 << 20
+
+
+class Frames(NamedTuple):
+    """What stands before the rows.
+
+    ``declared``: the header's number of frames; ``frame_time_text``: as spelt; ``start``: where the
+    rows begin; ``line``: the line that ``start`` is on, from 1.
+    """
+
+    declared: int
+    frame_time_text: str
+    start: int
+    line: int
+
+
+class Rows(NamedTuple):
+    """Which bytes hold which frames.
+
+    ``line_ends``: position of the end of every line; ``rows``: complete rows up to there, −1 where
+    a row is still going on; ``count``: complete rows.
+    """
+
+    line_ends: np.ndarray
+    rows: np.ndarray
+    count: int
+
+
+def parse_header(path: str | PathLike, data: bytes, start: int) -> Frames:
+    """Read "Frames:" and "Frame Time:" after the word MOTION, which ends at ``start``."""
+    line = data.count(b"\n", 0, start) + 1
+    first = _FRAMES.match(data, start)
+    if first is None:
+        raise MotionFileError(
+            path, quoted(_next_line(data, start)), expected="'Frames: N' after MOTION", line=line
+        )
+    line += data.count(b"\n", start, first.end())
+    if not re.fullmatch(rb"\+?[0-9]{1,18}", first[1]):
+        raise MotionFileError(
+            path, f"Frames: {quoted(first[1])}", expected="a whole number of frames", line=line
+        )
+    second = _FRAME_TIME.match(data, first.end())
+    if second is None:
+        found = quoted(_next_line(data, first.end()))
+        raise MotionFileError(
+            path, found, expected="'Frame Time: seconds' after 'Frames:'", line=line
+        )
+    line += data.count(b"\n", first.end(), second.end())
+    text = second[1].decode("latin-1")
+    return Frames(int(first[1]), text, second.end(), line)
+
+
+def find_rows(path: str | PathLike, data: bytes, frames: Frames, hierarchy: Hierarchy) -> Rows:
+    """First pass: where the rows end; warns of repairs.
+
+    **Raises:** :class:`~jaxmotion.io.MotionFileError` where a row has too few or too many numbers,
+    or there is none.
+    """
+    columns = hierarchy.columns
+    if columns == 0:
+        raise MotionFileError(
+            path, "no CHANNELS in any joint", expected="at least one channel", line=1
+        )
+    unfinished = _unfinished_token(data, frames.start)
+    line_ends, tokens = _count_tokens(data, frames.start)
+    if unfinished and tokens[-1] % columns == 0:
+        tokens[-1] -= 1
+    rows, left_over = _group(path, tokens, columns, frames)
+    count = int(rows.max(initial=0))
+    if count == 0:
+        raise MotionFileError(
+            path,
+            f"no complete frame ({left_over} of {columns} numbers)",
+            expected=f"{columns} numbers, one a channel, for every frame",
+            hint="export the clip again, with at least one frame",
+            line=frames.line,
+        )
+    _report_repairs(path, count, left_over, columns, frames.declared)
+    return Rows(line_ends, rows, count)
+
+
+def parse_rows(
+    path: str | PathLike, data: bytes, frames: Frames, rows: Rows, hierarchy: Hierarchy
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Second pass: (number of the first row, values f64[n, C]) a few megabytes at a time.
+
+    **Raises:** :class:`~jaxmotion.io.MotionFileError` naming the first token that is no finite
+    number, its line, frame and channel.
+    """
+    ends = np.flatnonzero(np.diff(rows.rows, prepend=0) * (rows.rows >= 0))
+    ends = ends[rows.rows[ends] > 0]
+    positions = rows.line_ends[ends]
+    first, start, done = 0, frames.start, 0
+    while done < rows.count:
+        last = int(np.searchsorted(positions, start + _PARSE_BYTES))
+        last = min(max(last, first), len(ends) - 1)
+        stop, total = int(positions[last]), int(rows.rows[ends[last]])
+        try:
+            values = np.fromstring(data[start:stop], np.float64, sep=" ")
+        except ValueError:
+            values = np.empty(0)
+        expected = (total - done) * hierarchy.columns
+        if values.size != expected or not np.isfinite(values).all():
+            raise _bad_token(path, data, (start, stop), done, frames, hierarchy)
+        yield done, values.reshape(-1, hierarchy.columns)
+        first, start, done = last + 1, stop, total
+
+
+def _next_line(data: bytes, start: int) -> bytes:
+    rest = data[start : start + 400].lstrip()
+    return rest.split(b"\n", 1)[0].rstrip() or b"the end of the file"
+
+
+def _unfinished_token(data: bytes, start: int) -> bool:
+    """Whether the file stops in the middle of a number ("-", "1.5e"), with no line end after."""
+    tail = re.search(rb"[^\s]+\Z", data[max(start, len(data) - 64) :])
+    if tail is None or parse_number(tail[0].decode("latin-1")) is not None:
+        return False
+    return _UNFINISHED.fullmatch(tail[0]) is not None
+
+
+def _count_tokens(data: bytes, start: int) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the lines and the number of tokens on each."""
+    view = np.frombuffer(data, np.uint8)
+    ends, totals, total = [], [], 0
+    for a in range(start, len(data), _SCAN_BYTES):
+        b = min(a + _SCAN_BYTES, len(data))
+        inked = view[a - 1 : b] > 32
+        starts = np.flatnonzero(inked[1:] & ~inked[:-1])
+        breaks = np.flatnonzero(view[a:b] == 10)
+        ends.append(breaks + a)
+        totals.append(np.searchsorted(starts, breaks) + total)
+        total += len(starts)
+    ends.append(np.array([len(data)]))
+    totals.append(np.array([total]))
+    return np.concatenate(ends), np.diff(np.concatenate(totals), prepend=0)
+
+
+def _group(path, tokens: np.ndarray, columns: int, frames: Frames) -> tuple[np.ndarray, int]:
+    """Rows complete at the end of each line, and the numbers left over at the end."""
+    if not (tokens % columns).any():
+        return np.cumsum(tokens // columns), 0
+    rows = np.empty(len(tokens), np.int64)
+    done, held, began = 0, 0, 0
+    for i, here in enumerate(tokens.tolist()):
+        whole = here % columns == 0 if held == 0 else held + here == columns
+        if whole:
+            done += (held + here) // columns
+            held = 0
+        elif held + here > columns:
+            raise _wrong_count(path, held or here, columns, frames, done, began if held else i)
+        else:
+            began = began if held else i
+            held += here
+        rows[i] = -1 if held else done
+    return rows, held
+
+
+def _wrong_count(path, found: int, columns: int, frames: Frames, frame: int, line: int):
+    return MotionFileError(
+        path,
+        f"{found} numbers",
+        expected=f"{columns}, one for each channel of the hierarchy",
+        hint="compare the CHANNELS lines with the rows; a number may be missing or split",
+        line=frames.line + line,
+        frame=frame,
+    )
+
+
+def _report_repairs(path, count: int, left_over: int, columns: int, declared: int) -> None:
+    repairs = []
+    if left_over:
+        repairs.append(
+            f"the last row is cut off ({left_over} of {columns} numbers) and was dropped"
+        )
+    if count != declared:
+        repairs.append(f"the header says {declared} frames, {count} are there and were kept")
+    if repairs:
+        warnings.warn(f"{path}: {'; '.join(repairs)}", MotionFileWarning, stacklevel=2)
+
+
+def _bad_token(path, data, span, frame: int, frames: Frames, hierarchy: Hierarchy):
+    """Find, by brute force, what the fast parser stumbled over."""
+    start, stop = span
+    line = frames.line + data.count(b"\n", frames.start, start)
+    seen = 0
+    for offset, text in enumerate(data[start:stop].split(b"\n")):
+        for token in text.split():
+            if parse_number(token.decode("latin-1")) is None:
+                column = hierarchy.column_name(seen % hierarchy.columns)
+                return MotionFileError(
+                    path,
+                    f"{quoted(token)} for {column}",
+                    expected="a finite number",
+                    hint="write decimal points, not commas" if b"," in token else "",
+                    line=line + offset,
+                    frame=frame + seen // hierarchy.columns,
+                )
+            seen += 1
+    return MotionFileError(path, "bytes that are no text", expected="numbers", line=line)

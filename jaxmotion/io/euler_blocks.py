@@ -1,0 +1,85 @@
+"""Euler angles of files to quaternions and back, in blocks of one size.
+
+:mod:`jaxmotion.quaternion` does the mathematics; this file feeds it arrays of a fixed shape, so
+that one compiled function an Euler order serves clips of any length and skeletons of any size:
+16 384 samples at a time going in, 512 frames × 32 joints going out, padded.
+
+Going out, angles are unwrapped along time by a scan, which starts afresh in every block. Blocks
+therefore share a frame, and the later one is carried over to what the earlier one chose there: the
+other branch of the order, (θ₁ + π, π − θ₂, θ₃ + π) (proper Euler: −θ₂), and whole turns. Both keep
+the distances that the scan compares, so the outcome is that of one long scan. O(T·J).
+"""
+
+from collections.abc import Iterator
+
+import jax
+import numpy as np
+
+from jaxmotion.quaternion import from_euler, to_euler
+
+_SAMPLES = 16384
+_FRAMES = 512
+_JOINTS = 32
+
+_from_euler = jax.jit(from_euler, static_argnames="order")
+_to_euler = jax.jit(to_euler, static_argnames=("order", "unwrap"))
+
+
+def quaternions(angles: np.ndarray, order: str, dtype: np.dtype) -> np.ndarray:
+    """Unit quaternions [..., 4] in ``dtype`` of angles f64[..., 3] in radians."""
+    flat = angles.reshape(-1, 3)
+    results = []
+    for start in range(0, len(flat), _SAMPLES):
+        block = np.zeros((_SAMPLES, 3), dtype)
+        piece = flat[start : start + _SAMPLES]
+        block[: len(piece)] = piece
+        results.append(_from_euler(block, order=order))
+    joined = np.concatenate([np.asarray(block) for block in results]) if results else flat[:, :0]
+    return joined[: len(flat)].reshape(*angles.shape[:-1], 4)
+
+
+def frame_blocks(frames: int) -> Iterator[slice]:
+    """The frames that each block of :func:`angle_blocks` covers."""
+    for start in range(0, frames, _FRAMES - 1):
+        yield slice(start, min(start + _FRAMES - 1, frames))
+
+
+def angle_blocks(rotations: np.ndarray, order: str) -> Iterator[np.ndarray]:
+    """Angles of ``rotations`` [T, J, 4], unwrapped along time: f64[n, J, 3], block after block."""
+    previous = None
+    for block in frame_blocks(len(rotations)):
+        lead = max(block.start - 1, 0)
+        angles = _block_angles(rotations[lead : block.stop], order)
+        if previous is not None:
+            angles = _carried_over(angles, previous, proper=order[0] == order[2])
+        previous = angles[-1]
+        yield angles[block.start - lead :]
+
+
+def _block_angles(rotations: np.ndarray, order: str) -> np.ndarray:
+    frames, joints, _ = rotations.shape
+    results = []
+    for j in range(0, joints, _JOINTS):
+        block = np.zeros((_FRAMES, _JOINTS, 4), rotations.dtype)
+        block[..., 0] = 1
+        block[:frames, : joints - j] = rotations[:, j : j + _JOINTS]
+        results.append(_to_euler(block, order=order, unwrap=True))
+    joined = np.concatenate([np.asarray(block)[:frames] for block in results], axis=1)
+    return joined[:, :joints].astype(np.float64)
+
+
+def _carried_over(angles: np.ndarray, previous: np.ndarray, proper: bool) -> np.ndarray:
+    """The same rotations, with ``previous`` as the angles of the first frame."""
+    same = np.cos(previous - angles[0]).sum(-1)
+    other = other_branch(angles, proper)
+    swap = np.cos(previous - other[0]).sum(-1) > same
+    angles = np.where(swap[:, None], other, angles)
+    return angles + 2 * np.pi * np.round((previous - angles[0]) / (2 * np.pi))
+
+
+def other_branch(angles: np.ndarray, proper: bool) -> np.ndarray:
+    """The other triple that means the same rotation."""
+    half_turn = np.pi
+    first, middle, last = np.moveaxis(angles, -1, 0)
+    middle = -middle if proper else half_turn - middle
+    return np.stack([first + half_turn, middle, last + half_turn], axis=-1)
