@@ -4,6 +4,7 @@ from jaxmotion.timing.buckets import bucket_size, pad_to_bucket
 from jaxmotion.timing.dtw import WarpPath, dtw
 from jaxmotion.timing.frame_distance import frame_distance
 from jaxmotion.timing.pose_distance import pose_distance
+from jaxmotion.timing.soft_dtw import soft_alignment, soft_dtw
 
 __all__ = [
     "WarpPath",
@@ -12,4 +13,6 @@ __all__ = [
     "frame_distance",
     "pad_to_bucket",
     "pose_distance",
+    "soft_alignment",
+    "soft_dtw",
 ]

@@ -57,6 +57,19 @@ def skew(cost: Array) -> Array:
     return jnp.swapaxes(shifted.reshape(n, n + m - 1, *rest), 0, 1)
 
 
+def unskew(diagonals: Array, m: int) -> Array:
+    """Inverse of :func:`skew`: ``(n + m − 1, n)`` to ``(n, m)``."""
+    n = diagonals.shape[1]
+    shifted = jnp.pad(diagonals.T.reshape(-1), (0, n))
+    return shifted.reshape(n, n + m)[:, :m]
+
+
+def shift_in(values: Array, outside: float) -> Array:
+    """Row i of the result is row i − 1; ``outside`` enters at row 0."""
+    fill = jnp.asarray(outside, values.dtype)
+    return lax.pad(values[:-1], fill, [(1, 0, 0)] + [(0, 0, 0)] * (values.ndim - 1))
+
+
 @functools.cache
 def accumulator(pattern: StepPattern, *, ragged: bool, columns: bool, count: bool):
     """The recursion of one pattern as a function of (cost (B, n, m), last_x (B,), last_y (B,)).
@@ -184,8 +197,7 @@ def _advance(keys, old, new, outside):
     """The next step's history: new values come in, shifted by a row where a step moves in x."""
     if not new:
         return {}
-    edge = jnp.full((1, new[0].shape[1]), outside, new[0].dtype)
-    shifted = [jnp.concatenate([edge, v[:-1]]) for v in new]
+    shifted = [shift_in(v, outside) for v in new]
     return {
         (di, back, s): old[(di, back - 1, s)] if back > 1 else (shifted if di else new)[s]
         for di, back, s in keys

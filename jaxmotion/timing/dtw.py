@@ -28,7 +28,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion._types import ArrayLike
 from jaxmotion.timing.accumulate import accumulator, arrival_radix
-from jaxmotion.timing.frame_distance import Metric, frame_distance
+from jaxmotion.timing.frame_distance import Metric, local_cost
 from jaxmotion.timing.step_patterns import StepPattern, step_pattern_named
 
 
@@ -90,7 +90,7 @@ def dtw(
         ValueError: bad shapes, unknown names, or clips the pattern cannot join.
     """
     pattern = step_pattern_named(step_pattern)
-    d = _local_cost(x, y, cost, metric)
+    d = local_cost(x, y, cost, metric)
     n, m = d.shape
     _check_options(open_end, min_matched, normalize, window, m)
     normalize = normalize or ("mean" if open_end else "sum")
@@ -114,17 +114,6 @@ def dtw(
     length = jnp.where(found, length, 0)
     weights = jnp.where(found, weights, 0).astype(d.dtype)
     return WarpPath(_selected_cost(d, total, path, weights) / size, path, length)
-
-
-def _local_cost(x, y, cost, metric) -> Array:
-    if (cost is None) == (x is None) or (x is None) != (y is None):
-        raise ValueError("want either x and y, or cost=")
-    d = frame_distance(x, y, metric) if cost is None else jnp.asarray(cost)
-    if d.ndim != 2 or 0 in d.shape:
-        raise ValueError(f"cost has shape {d.shape}; want (n, m), n and m at least 1")
-    if not jnp.issubdtype(d.dtype, jnp.floating):
-        raise ValueError(f"cost has dtype {d.dtype}; want float32 or float64")
-    return d
 
 
 def _check_options(open_end, min_matched, normalize, window, m):

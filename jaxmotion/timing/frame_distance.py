@@ -68,6 +68,23 @@ def frame_distance(
     return safe_sqrt(squared)
 
 
+def local_cost(
+    x: ArrayLike | None, y: ArrayLike | None, cost: ArrayLike | None, metric: Metric
+) -> Array:
+    """The cost matrix ``(n, m)``, given or of two clips; ``ValueError`` for neither or both."""
+    if cost is not None and x is None and y is None:
+        d = jnp.asarray(cost)
+    elif cost is None and x is not None and y is not None:
+        d = frame_distance(x, y, metric)
+    else:
+        raise ValueError("want either x and y, or cost=")
+    if d.ndim != 2 or 0 in d.shape:
+        raise ValueError(f"cost has shape {d.shape}; want (n, m), n and m at least 1")
+    if not jnp.issubdtype(d.dtype, jnp.floating):
+        raise ValueError(f"cost has dtype {d.dtype}; want float32 or float64")
+    return d
+
+
 @jax.custom_jvp
 def _squared_distance(x: Array, y: Array) -> Array:
     return _sum_squares(x, y)
