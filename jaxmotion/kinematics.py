@@ -31,7 +31,7 @@ from jaxmotion.motion import Motion
 from jaxmotion.quaternion.algebra import multiply, rotate
 from jaxmotion.skeleton import Skeleton
 
-Lanes = Float[Array, "component joint time"]
+Lanes = Float[Array, "_ joint time"]
 
 
 class WorldPose(eqx.Module):

@@ -11,6 +11,8 @@ are numpy or SciPy and share no code with the library.
     world_by_matrices(motion)        forward kinematics by 4x4 matrices, joint by joint
 """
 
+import inspect
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -195,3 +197,8 @@ def world_by_matrices(motion: Motion):
     homogeneous = np.concatenate([offsets, np.ones((len(ends), 1))], -1)[..., None]
     tips = (world[..., ends, :, :] @ homogeneous)[..., :3, 0]
     return world[..., :3, 3], world[..., :3, :3], tips
+
+
+def unchecked(f):
+    """``f`` without the annotation checks of the test session, to see its own error messages."""
+    return inspect.unwrap(f)

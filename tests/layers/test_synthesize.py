@@ -1,0 +1,112 @@
+"""Edits of the layers: denoise, exaggerate, local style."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxmotion as jm
+from jaxmotion import quaternion
+from jaxmotion.displacement import Displacement, plus
+from tests.helpers import assert_same_rotation, check_gradients
+from tests.layers.test_decompose import swinging
+
+
+@pytest.fixture(scope="module")
+def layers():
+    return jm.decompose(swinging(swing=1.5))
+
+
+def test_zero_is_the_base_one_drops_the_residual_both_ones_give_the_original(layers):
+    base = jm.synthesize(layers, 0.0)
+    assert_same_rotation(base.rotations, layers.base.rotations)
+    denoised = jm.synthesize(layers)
+    assert_same_rotation(denoised.rotations, plus(layers.base, layers.control).rotations)
+    whole = jm.synthesize(layers, 1.0, 1.0)
+    assert_same_rotation(whole.rotations, swinging(swing=1.5).rotations)
+
+
+@pytest.mark.parametrize("gain", [-1.0, 0.3, 2.5])
+def test_the_control_turns_gain_times_as_far(layers, gain):
+    edited = jm.synthesize(layers, gain)
+    v = np.asarray(layers.control.rotations)
+    want = quaternion.multiply(layers.base.rotations, quaternion.exp(gain * v))
+    assert_same_rotation(edited.rotations, want)
+    u = np.asarray(layers.control.translations)
+    np.testing.assert_allclose(
+        edited.translations, np.asarray(layers.base.translations) + gain * u, atol=1e-12
+    )
+
+
+def test_gains_per_joint_per_frame_and_for_translations(layers):
+    per_joint = np.array([1.0, 0.0, 2.0])
+    edited = jm.synthesize(layers, per_joint)
+    for j, gain in enumerate(per_joint):
+        same = jm.synthesize(layers, gain)
+        assert_same_rotation(edited.rotations[:, j], same.rotations[:, j])
+    ramp = np.linspace(0, 2, 80)[:, None] * per_joint
+    ramped = jm.synthesize(layers, ramp)
+    assert_same_rotation(ramped.rotations[40], jm.synthesize(layers, ramp[40]).rotations[40])
+    split = jm.synthesize(layers, 2.0, translation_alpha=0.0)
+    np.testing.assert_allclose(split.translations, layers.base.translations, atol=1e-12)
+    assert_same_rotation(split.rotations, jm.synthesize(layers, 2.0).rotations)
+
+
+def test_denoise_by_strength_and_stylize_are_compositions_of_the_two_steps(layers):
+    motion = swinging(swing=1.5)
+    assert_same_rotation(jm.denoise(motion).rotations, jm.synthesize(layers).rotations)
+    assert_same_rotation(jm.denoise(motion, strength=0.0).rotations, motion.rotations)
+    half = jm.denoise(motion, strength=0.5)
+    assert_same_rotation(half.rotations, jm.synthesize(layers, 1.0, 0.5).rotations)
+    assert_same_rotation(jm.stylize(motion, 2.0).rotations, jm.synthesize(layers, 2.0).rotations)
+
+
+def test_denoising_brings_a_noisy_clip_closer_to_the_truth():
+    clean, noisy = swinging(noise=0.0), swinging(noise=0.05)
+
+    def error(motion):
+        return float(jnp.mean(quaternion.distance(motion.rotations, clean.rotations)))
+
+    assert error(jm.denoise(noisy)) < 0.75 * error(noisy)
+
+
+def test_exaggeration_enlarges_and_attenuation_shrinks_the_swing():
+    motion = swinging(joints=1, noise=0.0)
+
+    def swing(alpha):
+        edited = jm.stylize(motion, alpha)
+        return float(jnp.max(quaternion.distance(edited.rotations, edited.rotations.mean(0))))
+
+    assert swing(0.5) < swing(1.0) < swing(1.5)
+
+
+def test_joint_weights_by_pattern():
+    skeleton = jm.Skeleton(("Hips", "LeftArm", "RightArm"), (-1, 0, 0), np.zeros((3, 3)))
+    weights = jm.joint_weights(skeleton, {"*arm*": 2.0, "Left*": 3.0}, default=0.5)
+    np.testing.assert_array_equal(weights, [0.5, 3.0, 2.0])
+    assert weights.dtype == np.float64
+    with pytest.raises(ValueError, match=r"no joint matches 'Leg\*'; the joints are Hips"):
+        jm.joint_weights(skeleton, {"Leg*": 1.0})
+
+
+def test_derivatives_with_respect_to_gains_and_parameters(layers):
+    check_gradients(
+        lambda alpha, residual: jm.synthesize(layers, alpha, residual).rotations,
+        np.array([0.5, 1.0, 2.0]),
+        np.array(0.3),
+    )
+    motion = swinging(frames=12)
+
+    def positions(lam):
+        return jm.forward_kinematics(jm.denoise(motion, lam=lam)).positions
+
+    check_gradients(positions, np.array(1.3), rtol=1e-5)
+
+
+def test_wrong_shapes_are_named_and_dtype_is_kept(layers):
+    with pytest.raises(ValueError, match=r"alpha has shape \(2,\)"):
+        jm.synthesize(layers, np.ones(2))
+    with pytest.raises(ValueError, match="displacement has shape"):
+        plus(layers.base, Displacement(jnp.zeros((1, 3, 3)), jnp.zeros((1, 3, 3))))
+    single = jax.tree.map(lambda x: x.astype(np.float32), swinging())
+    assert jm.denoise(single, strength=0.7).rotations.dtype == np.float32
