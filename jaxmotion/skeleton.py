@@ -7,7 +7,7 @@ Topology, names and file facts are static; offsets are arrays, so bone lengths c
 
 import fnmatch
 from collections.abc import Sequence
-from functools import cached_property
+from functools import lru_cache
 
 import equinox as eqx
 import numpy as np
@@ -141,23 +141,15 @@ class Skeleton(eqx.Module):
         """Number of joints, end sites not counted."""
         return len(self.names)
 
-    @cached_property
+    @property
     def levels(self) -> tuple[tuple[int, ...], ...]:
         """Joints by depth: ``levels[0] == (0,)``, every joint's parent one level up."""
-        depth = [0] * self.num_joints
-        for j in range(1, self.num_joints):
-            depth[j] = depth[self.parents[j]] + 1
-        return tuple(
-            tuple(j for j, d in enumerate(depth) if d == level) for level in range(max(depth) + 1)
-        )
+        return _levels(self.parents)
 
-    @cached_property
+    @property
     def children(self) -> tuple[tuple[int, ...], ...]:
         """Each joint's children."""
-        found: list[list[int]] = [[] for _ in self.names]
-        for j, p in enumerate(self.parents[1:], 1):
-            found[p].append(j)
-        return tuple(tuple(c) for c in found)
+        return _children(self.parents)
 
     def index(self, name: str) -> int:
         """Index of the joint called ``name``; ``ValueError`` lists the names if there is none."""
@@ -180,3 +172,25 @@ class Skeleton(eqx.Module):
                 f"no joint matches {pattern!r}; the joints are {', '.join(self.names)}"
             )
         return found
+
+
+# Remembered per tree, not in the Skeleton: equinox would count a cached attribute as part of the
+# pytree's structure, and every function compiled for the skeleton would be compiled again.
+@lru_cache(maxsize=64)
+def _levels(parents: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
+    found: list[list[int]] = [[0]]
+    depth = [0] * len(parents)
+    for j, p in enumerate(parents[1:], 1):
+        depth[j] = depth[p] + 1
+        if depth[j] == len(found):
+            found.append([])
+        found[depth[j]].append(j)
+    return tuple(map(tuple, found))
+
+
+@lru_cache(maxsize=64)
+def _children(parents: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
+    found: list[list[int]] = [[] for _ in parents]
+    for j, p in enumerate(parents[1:], 1):
+        found[p].append(j)
+    return tuple(map(tuple, found))
