@@ -1,0 +1,198 @@
+"""Which frames the data speak about: the design matrix A of Eom et al. (2019), Eq. 2.
+
+    y_i = x(t_i) + noise of variance sigma^2 / w_i,      x(t) = (1 - g) x_e + g x_{e-1},   g = e - t
+
+    t_i  target frame of datum i, whole or fractional, in any order, repeats allowed
+    e    the frame at or after t, at least 1 for fractional input: the derivative in t is the slope
+         of the interval before t (at frame 0, after)
+    w_i  weight, 0 for a missing datum
+
+Shapes: data ``(Nd, *channels)``, frames ``(Nf, *channels)``, weights ``(Nd, *k)`` with each axis of
+``k`` equal to that channel axis or 1. Everything is O(Nd + Nf).
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from jaxmotion._types import ArrayLike
+
+
+class Observations(eqx.Module):
+    """A and W. ``frame``: e, None for one datum per frame. ``back``: g, None for whole frames.
+    ``weights``: None for ones."""
+
+    frame: Int[Array, " data"] | None
+    back: Float[Array, " data"] | None
+    weights: Float[Array, "data ..."] | None
+    num_frames: int = eqx.field(static=True)
+
+    def positions(self, dtype: jnp.dtype) -> Array:
+        """Target frame of every datum."""
+        frame = jnp.arange(self.num_frames) if self.frame is None else self.frame
+        return frame.astype(dtype) - (0 if self.back is None else self.back)
+
+    def information(self, dtype: jnp.dtype, axes: int) -> tuple[Array, Array, Array]:
+        """``A^T W A`` as the sums of (w, w g, w g^2) at each frame: three ``(Nf, *k)`` arrays."""
+        count = self.num_frames if self.frame is None else self.frame.shape[0]
+        ones = jnp.ones((count, *[1] * axes), dtype)
+        weights = ones if self.weights is None else self.weights
+        none = jnp.zeros((self.num_frames, *[1] * axes), dtype)
+        if self.frame is None:
+            return weights, none, none
+        empty = jnp.zeros((self.num_frames, *weights.shape[1:]), dtype)
+        n0 = empty.at[self.frame].add(weights)
+        if self.back is None:
+            return n0, none, none
+        back = _column(self.back, axes)
+        n1 = empty.at[self.frame].add(weights * back)
+        return n0, n1, empty.at[self.frame].add(weights * back * back)
+
+    def to_frames(self, y: Float[Array, "data ..."]) -> Array:
+        """``A^T W y``."""
+        y = y if self.weights is None else self.weights * y
+        if self.frame is None:
+            return y
+        empty = jnp.zeros((self.num_frames, *y.shape[1:]), y.dtype)
+        if self.back is None:
+            return empty.at[self.frame].add(y)
+        carried = _column(self.back, y.ndim - 1) * y
+        return empty.at[self.frame].add(y - carried).at[self.frame - 1].add(carried)
+
+    def at_data(self, x: Float[Array, "frames ..."]) -> Array:
+        """``A x``."""
+        if self.frame is None:
+            return x
+        if self.back is None:
+            return x[self.frame]
+        now = x[self.frame]
+        return now - _column(self.back, x.ndim - 1) * (now - x[self.frame - 1])
+
+
+def observe(
+    index: ArrayLike | None,
+    num_frames: int | None,
+    weights: ArrayLike | None,
+    data_shape: tuple[int, ...],
+    dtype: jnp.dtype,
+    null_space: int,
+) -> Observations:
+    """Check the arguments of a smoother and build its ``Observations``.
+
+    ``null_space``: how many distinct positions the prior needs data at. Python and NumPy values
+    that are wrong raise ValueError, values inside JAX arrays raise when computed.
+    """
+    num_frames = _frame_count(index, num_frames, data_shape[0])
+    need = min(null_space, num_frames)
+    t = None if index is None else _checked_index(index, num_frames, data_shape[0])
+    w = None if weights is None else _checked_weights(weights, data_shape)
+    _require_distinct(t, w, data_shape[0], need)
+
+    frame = back = None
+    if isinstance(t, jax.Array) or (t is not None and not np.array_equal(t, np.arange(num_frames))):
+        frame, back = _split(t, num_frames, dtype)
+    found = Observations(frame, back, None if w is None else jnp.asarray(w, dtype), num_frames)
+    if isinstance(t, jax.Array) or isinstance(w, jax.Array):
+        found = _require_distinct_traced(found, dtype, need)
+    return found
+
+
+def _frame_count(index: ArrayLike | None, num_frames: int | None, data: int) -> int:
+    if data == 0:
+        raise ValueError("y has no data: want at least one frame")
+    if index is None:
+        if num_frames not in (None, data):
+            raise ValueError(
+                f"num_frames={num_frames} but y has {data} frames and no index: give the target "
+                "frame of every datum, for example index=numpy.linspace(0, num_frames - 1, len(y))"
+            )
+        return data
+    if num_frames is None:
+        if isinstance(index, jax.Array):
+            raise ValueError("num_frames is needed when index is a JAX array")
+        largest = np.max(np.asarray(index), initial=0)
+        num_frames = int(np.ceil(largest)) + 1 if np.isfinite(largest) else 1
+    if num_frames < 1:
+        raise ValueError(f"num_frames={num_frames}: want at least 1")
+    return num_frames
+
+
+def _checked_index(index: ArrayLike, num_frames: int, data: int) -> Array | np.ndarray:
+    t = index if isinstance(index, jax.Array) else np.asarray(index)
+    if t.shape != (data,):
+        raise ValueError(f"index has shape {t.shape}: want ({data},), one target per frame of y")
+    if not (jnp.issubdtype(t.dtype, jnp.integer) or jnp.issubdtype(t.dtype, jnp.floating)):
+        raise ValueError(f"index has dtype {t.dtype}: want whole or fractional frame numbers")
+    message = f"index must lie between 0 and num_frames - 1 = {num_frames - 1}"
+    if isinstance(t, np.ndarray):
+        outside = ~((t >= 0) & (t <= num_frames - 1))
+        if outside.any():
+            raise ValueError(f"{message}, got {t[outside][0]}")
+        whole = np.round(t)
+        return whole.astype(np.int32) if np.array_equal(whole, t) else t
+    return eqx.error_if(t, ~jnp.all((t >= 0) & (t <= num_frames - 1)), message)
+
+
+def _checked_weights(weights: ArrayLike, data_shape: tuple[int, ...]) -> Array | np.ndarray:
+    w = weights if isinstance(weights, jax.Array) else np.asarray(weights)
+    shape = w.shape
+    if len(shape) == 1:
+        w = w.reshape(*shape, *[1] * (len(data_shape) - 1))
+    fits = w.ndim == len(data_shape) and all(
+        s in (1, n) for s, n in zip(w.shape[1:], data_shape[1:], strict=True)
+    )
+    if not fits or w.shape[0] != data_shape[0]:
+        raise ValueError(
+            f"weights have shape {shape}: want ({data_shape[0]},) or an array that broadcasts "
+            f"over the channels of y, {data_shape}"
+        )
+    if isinstance(w, np.ndarray) and not (np.all(w >= 0) and np.all(np.isfinite(w))):
+        raise ValueError("weights must be finite and >= 0")
+    if isinstance(w, jax.Array):
+        bad = ~jnp.all((w >= 0) & jnp.isfinite(w))
+        w = eqx.error_if(w, bad, "weights must be finite and >= 0")
+    return w
+
+
+def _split(t: Array | np.ndarray, num_frames: int, dtype: jnp.dtype) -> tuple[Array, Array | None]:
+    """Frame at or after each position, and how far after; the latter None for whole frames."""
+    if jnp.issubdtype(t.dtype, jnp.integer):
+        return jnp.asarray(t), None
+    t = jnp.asarray(t)
+    frame = jnp.clip(jnp.ceil(t), min(1, num_frames - 1), num_frames - 1)
+    return frame.astype(jnp.int32), (frame - t).astype(dtype)
+
+
+def _require_distinct(
+    t: Array | np.ndarray | None, w: Array | np.ndarray | None, data: int, need: int
+) -> None:
+    if isinstance(t, jax.Array) or isinstance(w, jax.Array):
+        return
+    t = np.arange(data) if t is None else t
+    seen = np.ones((data, 1), bool) if w is None else w.reshape(data, -1) > 0
+    low = np.min(np.where(seen, t[:, None], np.inf), axis=0)
+    high = np.max(np.where(seen, t[:, None], -np.inf), axis=0)
+    if not np.all(high > low if need == 2 else high >= low):
+        raise ValueError(_too_few(need))
+
+
+def _require_distinct_traced(found: Observations, dtype: jnp.dtype, need: int) -> Observations:
+    t = _column(found.positions(dtype), 0 if found.weights is None else found.weights.ndim - 1)
+    seen = jnp.asarray(True) if found.weights is None else found.weights > 0
+    low = jnp.min(jnp.where(seen, t, jnp.inf), axis=0)
+    high = jnp.max(jnp.where(seen, t, -jnp.inf), axis=0)
+    bad = ~jnp.all(high > low if need == 2 else high >= low)
+    return eqx.error_if(found, bad, _too_few(need))
+
+
+def _too_few(need: int) -> str:
+    return (
+        f"index, weights: the smoother needs data of positive weight at {need} or more distinct "
+        "frames in every channel"
+    )
+
+
+def _column(values: Array, axes: int) -> Array:
+    return values.reshape(*values.shape, *[1] * axes)

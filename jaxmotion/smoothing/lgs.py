@@ -1,0 +1,260 @@
+"""Linear Gaussian system smoother (Eom, Choi and Noh, 2019, section 3).
+
+    y = A x + noise of std sigma,       prior on x with precision Q
+
+    order 2 (Eq. 6)   Q = lam^2 L^T L, rows of L (-1/2, 1, -1/2) "half" (Eq. 3), (1, -2, 1) "unit"
+    order 1 (Eq. 7)   Q = lam D^T C D, rows of D (-1, 1), C = diag(1, 2, .., 2, 1) as printed
+
+    P = Q + A^T W A / sigma^2,   mean = P^-1 A^T W y / sigma^2,   covariance = P^-1
+
+    x    smoothed frames (Nf, *channels)     y    data (Nd, *channels), any unit, kept throughout
+    A    whole or fractional target frames   W    weights of the data, diagonal
+    lam  prior precision, > 0                sigma  std of the noise, in the unit of y, > 0
+
+The mean depends on the product lam sigma (order 2) or lam sigma^2 (order 1) only; "half" at lam is
+"unit" at lam / 2. Half amplitude, order 2, unit: f = (fps / pi) asin(1 / (2 sqrt(lam sigma))).
+Order 2 keeps straight lines and continues them beyond the data, order 1 keeps constants.
+
+``log_evidence`` is log p(y | lam, sigma) with the null space of Q integrated out under flat density
+1 in the level of frame 0 and, for order 2, the slope per frame. With N data of positive weight, m
+the dimension of that null space and ``r_j`` the prior precision of every (second) difference,
+
+    -2 log p = (N - m) log 2 pi + sum log(sigma^2 / w_i) - sum log r_j + log det P + J
+    J = sum w_i (y_i - (A x)_i)^2 / sigma^2 + x^T Q x   at the mean
+
+It does not change when frames without data are added at either end (order 1: beyond one on each
+side, as the printed C counts the end differences once), and it is the density of the data's
+contrasts free of level and slope (restricted likelihood) times ``det(X^T X)^(-1/2)``, X the columns
+(1, t_i) of the observed data.
+
+Cost O(Nd + Nf): shared lam, sigma and weights are factored once for all channels. Solved for the
+positions and velocities (``linalg.difference_chain``): float32 holds about six digits at lam sigma
+= 1e4, where a banded float32 Cholesky breaks down.
+
+Sharp bits: with Nf = 1, or Nf = 2 at order 2, there is no prior row and the data are met exactly.
+Float32 extrapolation loses digits as the square of (frames beyond the data / span of the data).
+"""
+
+import math
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from jaxmotion._types import ArrayLike
+from jaxmotion.linalg import (
+    DifferenceChain,
+    chain_covariance,
+    chain_factor,
+    chain_log_det,
+    chain_sample,
+    chain_solve,
+)
+from jaxmotion.smoothing.design import Observations, observe
+
+
+class Posterior(eqx.Module):
+    """What the smoother knows about every frame.
+
+    ``mean (Nf, *channels)`` is there; every other quantity is worked out when asked for, so that a
+    mean alone never pays for it. All are differentiable.
+    """
+
+    mean: Float[Array, "frames *channels"]
+    _sigma: Float[Array, "..."]
+    _chain: DifferenceChain  # sigma^2 P
+    _prior: tuple[Array, Array]  # sigma^2 times the penalties of v_{j+1} - v_j and of v_j
+    _data: Float[Array, "data *channels"]
+    _observations: Observations
+    _order: int = eqx.field(static=True)
+    _shared: bool = eqx.field(static=True)
+
+    @property
+    def variance(self) -> Array:
+        """Variance of each frame: ``(Nf,)`` when lam, sigma and weights are shared by all channels,
+        else ``(Nf, *k)``, which broadcasts against the mean. O(Nf)."""
+        cov = chain_covariance(chain_factor(self._chain))
+        return self._per_frame(cov.position)
+
+    @property
+    def lag_one_covariance(self) -> Array:
+        """Covariance of frames j and j + 1, ``(Nf - 1,)`` or ``(Nf - 1, *k)``. O(Nf)."""
+        cov = chain_covariance(chain_factor(self._chain))
+        return self._per_frame(cov.position[1:] - cov.cross[1:])
+
+    @property
+    def log_evidence(self) -> Array:
+        """Log density of the data given lam and sigma, one number per channel, ``(*channels,)``."""
+        return _log_evidence(self)
+
+    def sample(self, key: PRNGKeyArray, shape: tuple[int, ...] = ()) -> Array:
+        """Independent draws of the frames, ``(*shape, Nf, *channels)``. O(Nf) each."""
+        factor = chain_factor(self._chain)
+        keys = jax.random.split(key, math.prod(shape))
+        noise = jax.vmap(lambda key: chain_sample(factor, key, self.mean.shape[1:]))(keys)
+        return (self.mean + self._sigma * noise).reshape(*shape, *self.mean.shape)
+
+    def _per_frame(self, covariance: Array) -> Array:
+        covariance = covariance * self._sigma**2
+        return covariance.reshape(covariance.shape[0]) if self._shared else covariance
+
+
+def lgs(
+    y: ArrayLike,
+    lam: ArrayLike,
+    sigma: ArrayLike,
+    *,
+    index: ArrayLike | None = None,
+    num_frames: int | None = None,
+    order: int = 2,
+    weights: ArrayLike | None = None,
+    scale: str = "half",
+) -> Posterior:
+    """Smooth, denoise or resample a signal; returns its ``Posterior``.
+
+    y: data ``(Nd, *channels)``, float32 or float64; the result has the same dtype.
+    lam, sigma: prior precision and noise std, > 0; scalars or arrays broadcasting to ``channels``.
+    index: target frame of every datum, ``(Nd,)``, whole or fractional, in any order, repeats and
+        gaps allowed; None for one datum per frame.
+    num_frames: Nf; may be left out without an index or when the index is Python or NumPy (then up
+        to its largest entry).
+    order: 2 smooths velocities (Eq. 6), 1 positions (Eq. 7).
+    scale: "half" or "unit" rows of L (order 2 only).
+    weights: ``(Nd,)`` or ``(Nd, *k)``, >= 0, dividing the noise variance; 0 is missing, whatever y
+        holds there.
+
+    Differentiable in y, lam, sigma, weights and a fractional index, in both modes.
+    Raises ValueError on wrong shapes and on values known to Python to be wrong; values inside JAX
+    arrays raise when computed (``equinox.error_if``): lam, sigma not positive, index outside the
+    frames, data at fewer than two distinct frames (one for order 1), NaN in y at positive weight.
+    """
+    y = _checked_data(y)
+    channels = y.shape[1:]
+    if order not in (1, 2):
+        raise ValueError(f"order={order!r}: want 1 or 2")
+    if scale not in ("half", "unit"):
+        raise ValueError(f"scale={scale!r}: want 'half' or 'unit'")
+    shared = np.ndim(lam) == 0 and np.ndim(sigma) == 0
+    shared = shared and (weights is None or np.ndim(weights) == 1)
+    lam = _checked_parameter("lam", lam, channels, y.dtype)
+    sigma = _checked_parameter("sigma", sigma, channels, y.dtype)
+    seen = observe(index, num_frames, weights, y.shape, y.dtype, null_space=order)
+    return _lgs(y, lam, sigma, seen, order, scale, shared)
+
+
+@eqx.filter_jit
+def _lgs(
+    y: Array,
+    lam: Array,
+    sigma: Array,
+    seen: Observations,
+    order: int,
+    scale: str,
+    shared: bool,
+) -> Posterior:
+    lam = eqx.error_if(lam, ~jnp.all((lam > 0) & jnp.isfinite(lam)), "lam must be positive")
+    sigma = eqx.error_if(
+        sigma, ~jnp.all((sigma > 0) & jnp.isfinite(sigma)), "sigma must be positive"
+    )
+    if seen.weights is not None:
+        y = jnp.where(seen.weights > 0, y, 0)
+    # Everything is multiplied by sigma^2: plain data are then their own right-hand side.
+    curvature, speed = _penalties(lam, sigma, seen.num_frames, order, scale)
+    n0, n1, n2 = seen.information(y.dtype, y.ndim - 1)
+    chain = DifferenceChain(curvature, n0, n1, n2 + speed)
+    mean = chain_solve(chain, seen.to_frames(y))
+    # Any NaN or infinity of the data reaches every frame of its channel.
+    mean = eqx.error_if(
+        mean,
+        ~jnp.all(jnp.isfinite(mean[0])),
+        "y holds NaN or infinite values (give missing data weight 0), "
+        "or lam * sigma is too large for its dtype",
+    )
+    return Posterior(mean, sigma, chain, (curvature, speed), y, seen, order, shared)
+
+
+def _penalties(
+    lam: Array, sigma: Array, frames: int, order: int, scale: str
+) -> tuple[Array, Array]:
+    """``sigma^2 Q`` as penalties on each change of velocity and on each velocity, ``(Nf, *k)``."""
+    rows = np.zeros((frames, *[1] * lam.ndim))
+    none = jnp.zeros(rows.shape, lam.dtype)
+    if order == 2:
+        rows[1:-1] = 1.0 if scale == "unit" else 0.25
+        return jnp.asarray(rows, lam.dtype) * (lam * sigma) ** 2, none
+    rows[1:] = 2.0
+    rows[1:2] = rows[-1:] = 1.0
+    rows[0] = 0.0
+    return none, jnp.asarray(rows, lam.dtype) * (lam * sigma**2)
+
+
+@eqx.filter_jit
+def _log_evidence(posterior: Posterior) -> Array:
+    y, seen, variance = posterior._data, posterior._observations, posterior._sigma**2
+    curvature, speed = posterior._prior
+    penalty = curvature[1:-1] if posterior._order == 2 else speed[1:]
+    count, log_weight = jnp.asarray(y.shape[0], y.dtype), jnp.zeros((), y.dtype)
+    if seen.weights is not None:
+        present = seen.weights > 0
+        count = jnp.sum(present, axis=0).astype(y.dtype)
+        log_weight = jnp.sum(jnp.log(jnp.where(present, seen.weights, 1)), axis=0)
+    null_space = min(posterior._order, posterior.mean.shape[0])
+    return -0.5 * (
+        (count - null_space) * jnp.log(2 * np.pi * variance)
+        - log_weight
+        - jnp.sum(jnp.log(penalty), axis=0)
+        + chain_log_det(posterior._chain)
+        + _least_energy((y, seen, penalty), posterior.mean, posterior._order) / variance
+    )
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(2,))
+def _least_energy(terms: tuple[Array, Observations, Array], x: Array, order: int) -> Array:
+    """``sigma^2 J`` at its minimiser x: its derivative in x is zero, no solve to differentiate."""
+    return _energy(terms, x, order)
+
+
+@_least_energy.defjvp
+def _least_energy_jvp(order, primals, tangents):
+    (terms, x), (change, _) = primals, tangents
+    return jax.jvp(lambda terms: _energy(terms, x, order), (terms,), (change,))
+
+
+def _energy(terms: tuple[Array, Observations, Array], x: Array, order: int) -> Array:
+    y, seen, penalty = terms
+    misfit = (y - seen.at_data(x)) ** 2
+    misfit = misfit if seen.weights is None else seen.weights * misfit
+    roughness = jnp.diff(x, n=order, axis=0) ** 2
+    return jnp.sum(misfit, axis=0) + jnp.sum(penalty * roughness, axis=0)
+
+
+def _checked_data(y: ArrayLike) -> Array:
+    y = jnp.asarray(y)
+    if y.dtype not in (jnp.float32, jnp.float64):
+        raise ValueError(f"y has dtype {y.dtype}: want float32 or float64")
+    if y.ndim == 0:
+        raise ValueError("y is a scalar: want (frames, *channels)")
+    return y
+
+
+def _checked_parameter(
+    name: str, value: ArrayLike, channels: tuple[int, ...], dtype: jnp.dtype
+) -> Array:
+    """``value`` as an array with one axis for each channel axis."""
+    if not isinstance(value, jax.Array):
+        value = np.asarray(value)
+        if not np.all((value > 0) & np.isfinite(value)):
+            raise ValueError(f"{name} must be positive and finite, got {value}")
+    value = jnp.asarray(value, dtype)
+    padded = (1,) * (len(channels) - value.ndim) + value.shape
+    if len(padded) != len(channels) or any(
+        s not in (1, c) for s, c in zip(padded, channels, strict=True)
+    ):
+        raise ValueError(
+            f"{name} has shape {value.shape}: want a scalar or an array that broadcasts to the "
+            f"channels of y, {channels}"
+        )
+    return value.reshape(padded)
