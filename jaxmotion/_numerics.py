@@ -52,10 +52,13 @@ def sin_half_over(x: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def angle_over_sine(s2: Float[Array, "..."], w: Float[Array, "..."]) -> Float[Array, "..."]:
-    """2·atan2(s, w)/s for s = √s2 ≥ 0 and w ≥ 0: the factor of the quaternion logarithm."""
-    far = s2 > series_switch(s2.dtype)
+    """2·atan2(s, w)/s for s = √s2 ≥ 0 and w ≥ 0: the factor of the quaternion logarithm.
+
+    Scaling s and w together divides it by the scale, so the switch compares s2 with w²; 2 where
+    both vanish."""
+    far = s2 > series_switch(s2.dtype) * w * w
     s = jnp.sqrt(jnp.where(far, s2, 1.0))
-    w_near = jnp.where(far, 1.0, w)
-    r2 = s2 / (w_near * w_near)
+    w_near = jnp.where(far | (w == 0), 1.0, w)
+    r2 = jnp.where(far, 0.0, s2) / (w_near * w_near)
     near = 2.0 / w_near * (1.0 - r2 * (1.0 / 3.0 - r2 * (1.0 / 5.0 - r2 / 7.0)))
     return jnp.where(far, 2.0 * jnp.arctan2(s, w) / s, near)

@@ -15,9 +15,28 @@ from jaxmotion._numerics import safe_norm
 from jaxmotion._types import AnyArray, Quaternion, Vector3
 
 
-def components(a: Float[AnyArray, "... n"]) -> tuple[Array, ...]:
-    """One array a component of the last axis: (..., n) → n arrays (...)."""
-    return tuple(jnp.unstack(jnp.asarray(a), axis=-1))
+def components(a: Float[AnyArray, "... n"], size: int, name: str) -> tuple[Array, ...]:
+    """One array a component of the last axis: (..., n) → n arrays (...).
+
+    **Raises:** ``ValueError`` that calls the array ``name`` unless n is ``size``.
+    """
+    a = jnp.asarray(a)
+    if a.shape[-1:] != (size,):
+        raise ValueError(f"{name} must have shape (..., {size}), got {a.shape}")
+    return tuple(jnp.unstack(a, axis=-1))
+
+
+def leading_axis(axis: int, shape: tuple[int, ...], caller: str) -> int:
+    """``axis`` counted from the front, if it is one before the last of ``shape``.
+
+    **Raises:** ``ValueError`` otherwise.
+    """
+    if not -len(shape) <= axis < len(shape) - 1 or axis == -1:
+        raise ValueError(
+            f"{caller}: axis={axis} of an array of shape {shape}; "
+            "expected an axis before the last, which holds the components"
+        )
+    return axis % len(shape)
 
 
 def assemble(*parts: Float[Array, "..."]) -> Float[Array, "... n"]:
@@ -31,8 +50,8 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     **Arguments:** ``a``, ``b``: (..., 4), broadcast against each other; need not be unit.
     **Returns:** (..., 4).
     """
-    w, x, y, z = components(a)
-    W, X, Y, Z = components(b)
+    w, x, y, z = components(a, 4, "a")
+    W, X, Y, Z = components(b, 4, "b")
     return assemble(
         w * W - x * X - y * Y - z * Z,
         w * X + x * W + y * Z - z * Y,
@@ -43,7 +62,7 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
 
 def conjugate(q: Quaternion) -> Quaternion:
     """(w, −x, −y, −z): the inverse rotation of a unit quaternion. (..., 4) → (..., 4)."""
-    w, x, y, z = components(q)
+    w, x, y, z = components(q, 4, "q")
     return assemble(w, -x, -y, -z)
 
 
@@ -76,8 +95,8 @@ def rotate(q: Quaternion, v: Vector3) -> Vector3:
     **Arguments:** ``q``: (..., 4), unit; ``v``: (..., 3), broadcast against q.
     **Returns:** (..., 3), in v's unit.
     """
-    w, x, y, z = components(q)
-    a, b, c = components(v)
+    w, x, y, z = components(q, 4, "q")
+    a, b, c = components(v, 3, "v")
     d, e, f = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
     return assemble(
         a + w * d + y * f - z * e,
@@ -105,12 +124,7 @@ def align_signs(q: Quaternion, axis: int = 0) -> Quaternion:
     **Returns:** the same rotations, (..., 4).
     """
     q = jnp.asarray(q)
-    axis = axis % q.ndim
-    if axis == q.ndim - 1:
-        raise ValueError(
-            f"align_signs: axis={axis} is the component axis of a {q.shape} array; "
-            "give the time axis"
-        )
+    axis = leading_axis(axis, q.shape, "align_signs")
     q = jnp.moveaxis(q, axis, 0)
     dots = jnp.sum(q[1:] * q[:-1], axis=-1, keepdims=True)
     flips = jnp.cumprod(jnp.where(dots < 0, -1.0, 1.0).astype(q.dtype), axis=0)

@@ -25,7 +25,7 @@ from jaxmotion.quaternion.algebra import assemble, components, multiply
 
 def to_matrix(q: Quaternion) -> Matrix3:
     """Rotation matrix of a unit quaternion. (..., 4) → (..., 3, 3)."""
-    w, x, y, z = components(q)
+    w, x, y, z = components(q, 4, "q")
     rows = (
         assemble(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         assemble(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
@@ -41,7 +41,7 @@ def from_matrix(m: Matrix3) -> Quaternion:
     taken, so nothing is divided by a small number.
     """
     m = jnp.asarray(m)
-    (a, b, c), (d, e, f), (g, h, i) = (components(m[..., r, :]) for r in range(3))
+    (a, b, c), (d, e, f), (g, h, i) = (components(m[..., r, :], 3, "m") for r in range(3))
     squares = jnp.stack([1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i])
     candidates = jnp.stack(
         [
@@ -84,7 +84,7 @@ def from_euler(angles: Angles, order: str = "ZXY") -> Quaternion:
     **Raises:** ``ValueError`` for an order that is not one of the 24.
     """
     i, j, k, extrinsic = _axes(order)
-    first, second, third = components(angles)
+    first, second, third = components(angles, 3, "angles")
     turns = (_about(i, first), _about(j, second), _about(k, third))
     a, b, c = reversed(turns) if extrinsic else turns
     return multiply(multiply(a, b), c)
@@ -95,7 +95,8 @@ def to_euler(q: Quaternion, order: str = "ZXY", *, unwrap: bool = False) -> Angl
 
     **Arguments:** ``q``: (..., 4); ``order``: see the module; ``unwrap``: treat axis 0 as time and
     give every frame, of the angle triples that mean its rotation (the two branches of the order
-    and any whole turns), the one nearest the frame before; costs one scan.
+    and any whole turns; in gimbal lock a line of them), the one nearest the frame before; costs
+    one scan.
     **Returns:** (..., 3), radians; without ``unwrap`` the middle angle is in [−π/2, π/2]
     (Tait–Bryan) or [0, π], the others in [−π, π]. In gimbal lock the last intrinsic (first
     extrinsic) angle is 0.
@@ -104,9 +105,9 @@ def to_euler(q: Quaternion, order: str = "ZXY", *, unwrap: bool = False) -> Angl
     i, j, k, extrinsic = _axes(order)
     if not extrinsic:
         i, k = k, i
-    angles = _extrinsic_angles(components(q), i, j, k)
+    *angles, lock = _extrinsic_angles(components(q, 4, "q"), i, j, k)
     angles = assemble(*(angles if extrinsic else reversed(angles)))
-    return _nearest_to_previous(angles, proper=i == k) if unwrap else angles
+    return _nearest_to_previous(angles, lock, proper=i == k) if unwrap else angles
 
 
 def _axes(order: str) -> tuple[int, int, int, bool]:
@@ -129,6 +130,7 @@ def _about(axis: int, angle: Float[Array, "..."]) -> Quaternion:
 
 
 def _extrinsic_angles(q: tuple[Array, ...], i: int, j: int, k: int):
+    """First, middle and last angle; and r = ±1 where only last − r·first is known, else 0."""
     proper = i == k
     if proper:
         k = 3 - i - j
@@ -145,9 +147,10 @@ def _extrinsic_angles(q: tuple[Array, ...], i: int, j: int, k: int):
     half_sum = jnp.where(near < tiny, half_difference, half_sum)
     half_difference = jnp.where(far < tiny, half_sum, half_difference)
     first, last = half_sum - half_difference, half_sum + half_difference
+    lock = jnp.where(near < tiny, 1.0, jnp.where(far < tiny, -1.0, 0.0)).astype(w.dtype)
     if not proper:
-        last, middle = sign * last, middle - jnp.pi / 2
-    return _wrap(first), middle, _wrap(last)
+        last, middle, lock = sign * last, middle - jnp.pi / 2, sign * lock
+    return _wrap(first), middle, _wrap(last), lock
 
 
 def _angle_unless(lost, y, x):
@@ -159,18 +162,24 @@ def _wrap(angle):
     return angle - turn * jnp.round(angle / turn)
 
 
-def _nearest_to_previous(angles: Float[Array, "time ... 3"], proper: bool):
+def _nearest_to_previous(
+    angles: Float[Array, "time ... 3"], lock: Float[Array, "time ..."], proper: bool
+):
     other_middle = -angles[..., 1] if proper else jnp.pi - angles[..., 1]
     other = jnp.stack([angles[..., 0] + jnp.pi, other_middle, angles[..., 2] + jnp.pi], -1)
-    branches = jnp.stack([angles, other])
 
-    def step(previous, branches):
-        near = previous + _wrap(branches - previous)
-        cost = jnp.sum((near - previous) ** 2, -1, keepdims=True)
-        chosen = jnp.where(cost[0] <= cost[1], near[0], near[1])
+    def step(previous, frame):
+        one, other, r = frame
+        one, other = _wrap(one - previous), _wrap(other - previous)
+        nearer = jnp.sum(one**2, -1, keepdims=True) <= jnp.sum(other**2, -1, keepdims=True)
+        free = jnp.where(nearer, one, other)
+        # In gimbal lock the first and last angle share the change of last − r·first.
+        share = 0.5 * _wrap(one[..., 2] - r * one[..., 0])
+        locked = jnp.stack([-r * share, one[..., 1], share], -1)
+        chosen = previous + jnp.where(r[..., None] == 0, free, locked)
         return chosen, chosen
 
     if angles.shape[0] == 0:
         return angles
-    rest = jax.lax.scan(step, angles[0], jnp.moveaxis(branches, 1, 0)[1:])[1]
+    rest = jax.lax.scan(step, angles[0], (angles[1:], other[1:], lock[1:]))[1]
     return jnp.concatenate([angles[:1], rest])

@@ -20,7 +20,7 @@ from jaxmotion.quaternion.algebra import assemble, between, components
 
 def exp(v: Vector3) -> Quaternion:
     """Unit quaternion that turns by ‖v‖ radians about v. (..., 3) → (..., 4). Eom 2019, §3."""
-    x, y, z = components(v)
+    x, y, z = components(v, 3, "v")
     squared = x * x + y * y + z * z
     s = sin_half_over(squared)
     return assemble(cos_half(squared), s * x, s * y, s * z)
@@ -32,7 +32,7 @@ def log(q: Quaternion) -> Vector3:
     **Arguments:** ``q``: (..., 4); only its direction matters.
     **Returns:** (..., 3), radians. Source: Eom et al. 2019, Eq. 9 and 13.
     """
-    w, x, y, z = components(q)
+    w, x, y, z = components(q, 4, "q")
     sign = jnp.where(w < 0, -1.0, 1.0).astype(w.dtype)
     factor = sign * angle_over_sine(x * x + y * y + z * z, sign * w)
     return assemble(factor * x, factor * y, factor * z)

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion._numerics import safe_norm, safe_sqrt
 from jaxmotion._types import ArrayLike, Quaternion
-from jaxmotion.quaternion.algebra import between, multiply, normalize
+from jaxmotion.quaternion.algebra import between, leading_axis, multiply, normalize
 from jaxmotion.quaternion.explog import exp, log
 from jaxmotion.quaternion.interpolate import slerp
 
@@ -39,7 +39,7 @@ def mean(
     """Mean rotation along ``axis``.
 
     **Arguments:** ``q``: (..., 4), unit; ``weights``: ≥ 0, one a sample, either 1-D along ``axis``
-    or broadcasting with q's leading axes; ``method``: see the module.
+    or broadcasting with q's leading axes; all zero counts as all equal; ``method``: see the module.
     **Returns:** q's shape without ``axis``, on the hemisphere of the first sample.
     **Raises:** ``ValueError`` for an unknown method or a component axis.
     """
@@ -80,9 +80,9 @@ _mean = mean  # ``std`` has an argument of that name
 def _samples(q, weights, axis):
     """Samples along axis 0 and weights that sum to 1 along it, of the samples' batch rank."""
     q = jnp.asarray(q)
-    axis = axis % q.ndim
-    if axis == q.ndim - 1:
-        raise ValueError(f"axis={axis} is the component axis of a {q.shape} array; give another")
+    axis = leading_axis(axis, q.shape, "mean, std")
+    if q.shape[axis] == 0:
+        raise ValueError(f"mean, std: q of shape {q.shape} has no samples along axis {axis}")
     samples = jnp.moveaxis(q, axis, 0)
     shape = samples.shape[:-1]
     if weights is None:
@@ -94,8 +94,8 @@ def _samples(q, weights, axis):
         else:
             w = jnp.moveaxis(jnp.broadcast_to(w, q.shape[:-1]), axis, 0)
         w = jnp.broadcast_to(w, shape)
-    total = jnp.sum(w, 0)
-    return samples, w / jnp.where(total > 0, total, 1.0)
+    w = jnp.where(jnp.sum(w, 0) > 0, w, 1.0)
+    return samples, w / jnp.sum(w, 0)
 
 
 def _chordal(samples: Quaternion, w: Float[Array, "n ..."]) -> Quaternion:
@@ -104,10 +104,13 @@ def _chordal(samples: Quaternion, w: Float[Array, "n ..."]) -> Quaternion:
     values, vectors = jnp.linalg.eigh(fixed)
     m, top = vectors[..., -1], values[..., -1, None]
     residual = jnp.einsum("...ij,...j->...i", scatter, m) - top * m
-    # (top·I − scatter) is singular along m only; filling that direction makes it invertible.
-    outer = m[..., :, None] * m[..., None, :]
-    system = top[..., None] * jnp.eye(4, dtype=m.dtype) - fixed + outer
-    return normalize(m + jnp.linalg.solve(system, residual[..., None])[..., 0])
+    # One step of (top·I − scatter)⁺ in the eigenvectors' own basis. Directions as good as m (a
+    # mean that is not unique) have no derivative and are left out.
+    gap = top - values
+    distinct = gap > 16 * jnp.finfo(m.dtype).eps * top
+    along = jnp.einsum("...ik,...i->...k", vectors, residual)
+    along = jnp.where(distinct, along / jnp.where(distinct, gap, 1.0), 0.0)
+    return normalize(m + jnp.einsum("...ik,...k->...i", vectors, along))
 
 
 def _karcher(samples: Quaternion, w: Float[Array, "n ..."]) -> Quaternion:
