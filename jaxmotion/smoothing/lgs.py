@@ -28,10 +28,10 @@ contrasts free of level and slope (restricted likelihood) times ``det(X^T X)^(-1
 (1, t_i) of the observed data.
 
 Cost O(Nd + Nf): shared lam, sigma and weights are factored once for all channels. Solved for the
-positions and velocities (``linalg.difference_chain``): float32 holds about six digits at lam sigma
+positions and velocities (``linalg.difference_chain``): float32 holds five digits at lam sigma
 = 1e4, where a banded float32 Cholesky breaks down.
 
-Sharp bits: with Nf = 1, or Nf = 2 at order 2, there is no prior row and the data are met exactly.
+Sharp bits: with Nf = 1, or Nf = 2 at order 2, there is no prior row: plain weighted least squares.
 Float32 extrapolation loses digits as the square of (frames beyond the data / span of the data).
 """
 
