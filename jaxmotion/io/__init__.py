@@ -16,7 +16,6 @@ from os import PathLike
 from pathlib import Path
 
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning
-from jaxmotion.io.precision import float_type
 from jaxmotion.motion import Motion
 
 __all__ = ["MotionFileError", "MotionFileWarning", "load", "save"]
@@ -26,7 +25,8 @@ def load(path: str | PathLike, *, dtype=None, **format_options) -> Motion:
     """Read a motion file.
 
     **Arguments:** ``path``: the file, its suffix telling the format; ``dtype``: of the arrays,
-    float32 or float64, by default float64 if JAX has 64-bit types enabled, else float32;
+    float32 or float64, by default float64 if JAX has 64-bit types enabled, else float32 (our own
+    ``.npz`` keeps the dtypes it holds);
     ``format_options``: passed on to the format's own reader.
     **Returns:** a :class:`~jaxmotion.Motion`.
     **Raises:** :class:`MotionFileError` for a file that cannot be understood or a suffix that is
@@ -34,7 +34,7 @@ def load(path: str | PathLike, *, dtype=None, **format_options) -> Motion:
     that is not available.
     """
     reader = _reader(Path(path))
-    return reader(path, dtype=float_type(dtype), **format_options)
+    return reader(path, dtype=dtype, **format_options)
 
 
 def save(motion: Motion, path: str | PathLike, *, overwrite: bool = True, **format_options) -> None:

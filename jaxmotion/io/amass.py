@@ -96,7 +96,7 @@ def load_amass(
     path: str | PathLike,
     *,
     offsets=None,
-    height: float = _NOMINAL_HEIGHT,
+    height: float | int = _NOMINAL_HEIGHT,
     up: Literal["y", "z"] = "z",
     dtype=None,
 ) -> Motion:
@@ -135,7 +135,8 @@ def load_amass(
             f"load_amass: offsets of shape {rest.shape}; expected ({len(table)}, 3), finite"
         )
     rate = _frame_rate(archive)
-    rotations = _exp(poses.reshape(len(poses), len(table), 3))
+    with np.errstate(over="ignore", invalid="ignore"):
+        rotations = _exp(poses.reshape(len(poses), len(table), 3))
     positions = rest[0] + trans
     if up == "y":
         positions = positions[:, [0, 2, 1]] * [1.0, 1.0, -1.0]
@@ -144,22 +145,28 @@ def load_amass(
         rotations[:, 0] = np.moveaxis(euler.multiply(quarter[:, None], root), 0, -1)
     translations = np.broadcast_to(rest, (*rotations.shape[:-1], 3)).copy()
     translations[:, 0] = positions
+    seconds = np.array(1.0 / rate)
     with np.errstate(over="ignore"):
-        translations = translations.astype(dtype)
-    if not np.isfinite(translations).all():
-        raise MotionFileError(path, f"trans too large for {dtype}", expected="a position in metres")
+        arrays = [array.astype(dtype) for array in (rest, translations, rotations, seconds)]
+    if not all(np.isfinite(array).all() for array in arrays) or arrays[-1] <= 0:
+        raise MotionFileError(
+            path,
+            "rotation vectors, translations or a frame rate that are too large or too small",
+            expected=f"numbers that are finite in {dtype}",
+        )
+    rest, translations, rotations, seconds = map(jnp.asarray, arrays)
     places = {name: j for j, (name, _, _) in enumerate(table)}
     skeleton = Skeleton(
         [name for name, _, _ in table],
         [places.get(parent, -1) for _, parent, _ in table],
-        jnp.asarray(rest.astype(dtype)),
+        rest,
         up=up,
     )
     return Motion(
         skeleton,
-        jnp.asarray(translations),
-        jnp.asarray(rotations.astype(dtype)),
-        1.0 / rate,
+        translations,
+        rotations,
+        seconds,
         translated_joints=(0,),
     )
 
@@ -187,7 +194,7 @@ def _mirrored(name: str, given: dict[str, Offset]) -> Offset:
     return (-x, y, z)
 
 
-def _rest(table, height: float) -> np.ndarray:
+def _rest(table, height: float | int) -> np.ndarray:
     if not 0 < height < np.inf:
         raise ValueError(f"load_amass: height={height!r}; expected metres, above 0")
     return height / _NOMINAL_HEIGHT * np.array([offset for _, _, offset in table])

@@ -15,6 +15,7 @@ last frame that is cut off (a file that ends early) is dropped with a
 :class:`~jaxmotion.io.MotionFileWarning`, unless it is the only one.
 """
 
+import itertools
 import math
 import warnings
 from dataclasses import dataclass
@@ -127,7 +128,7 @@ class _Reader:
         """Name, name as spelt and number of values of each line of a frame."""
         by_lower = {name.lower(): name for name in self.widths}
         pattern: dict[str, tuple[str, bytes, int]] = {}
-        for line in first_frame:
+        for place, line in enumerate(first_frame, 1):
             token = line.split()[0]
             spelt = _decoded(token)
             name = spelt if spelt in self.widths else by_lower.get(spelt.lower(), "")
@@ -135,23 +136,26 @@ class _Reader:
                 self.fail(
                     f"{'a second' if name else 'an unknown'} bone {quoted(spelt)}",
                     "each bone of the .asf once",
-                    self._line_of(line),
+                    self._line_of(place),
                     0,
                     "pass the .asf that the motion was made for: asf=...",
                 )
             pattern[name] = (name, token, self.widths[name])
         return list(pattern.values())
 
-    def _line_of(self, line: bytes) -> int:
-        place = (n for n, other in enumerate(self.lines, 1) if n > self.start and line in other)
-        return next(place)
+    def _line_of(self, place: int) -> int:
+        """Line number of a line of content, blank lines and comments not counted."""
+        lines = enumerate(self.lines[self.start :], self.start + 1)
+        inked = (number for number, line in lines if line.split(b"#", 1)[0].strip())
+        return next(itertools.islice(inked, place, None))
 
     def _complete_frames(self, content: list[bytes]) -> int:
         """Frames but for a last one cut off by the end of the file."""
         frames, rest = divmod(len(content), self.period)
         if rest:
-            tail = [line.split()[0] for line in content[frames * self.period + 1 : -1]]
-            if tail != [token for _, token, _ in self.pattern[: len(tail)]]:
+            *tail, last = [line.split()[0] for line in content[frames * self.period :]]
+            expected = [token for _, token, _ in self.pattern[: rest - 1]]
+            if tail[1:] != expected[:-1] or (tail and not expected[-1].startswith(last)):
                 self._blame()
         elif frames > 1 and self.pattern and len(content[-1].split()) <= self.pattern[-1][2]:
             frames, rest = frames - 1, self.period
@@ -175,7 +179,7 @@ class _Reader:
             self.fail(
                 f"frame {numbers[at]} after frame {numbers[at - 1]}",
                 "frame numbers that rise by a constant step",
-                self._line_of(texts[at]),
+                self._line_of(at * self.period),
                 at,
                 "frames are missing or out of order: renumber them if they are meant so",
             )

@@ -197,6 +197,8 @@ class _Reader:
                 case "name":
                     if len(values) != 1:
                         self.fail(f"the name {quoted(' '.join(values))}", "one word", line)
+                    if bone.name:
+                        self.fail("a second 'name'", f"the 'end' of {quoted(bone.name)}", line)
                     bone.name = values[0]
                 case "direction":
                     x, y, z = self._numbers(values, 3, line)

@@ -48,27 +48,27 @@ def dofs_from_transforms(
     Dofs are the skeleton's, or in the order of its BVH channels. Those missing to express a
     rotation or translation, by more than the rounding of the arrays' dtype, are added at the end.
     """
-    # Quaternions and rotation matrices lose a few units in the last place on their way here.
-    tolerance = 64 * float(np.finfo(rotations.dtype).eps)
+    # Noise, not motion: what rounding leaves of an angle (radians) or a length (relative).
+    eps = float(np.finfo(rotations.dtype).eps)
+    least_angle, least_length = max(16 * eps, 1e-12), max(4 * eps, 1e-13)
     q = np.moveaxis(rotations.astype(np.float64), -1, 0)
     left, right = _frames(bones)
     turns = euler.multiply(
         euler.multiply(_conjugate(left), q / np.linalg.norm(q, axis=0)), _conjugate(right)
     )
     turns = np.moveaxis(turns, 0, -1)
-    shifts = translations.astype(np.float64) - np.asarray(skeleton.offsets, np.float64)
-    scale = float(np.abs(translations).max())
-    shifts = _rotate(_conjugate(left), np.where(np.abs(shifts) > tolerance * scale, shifts, 0.0))
+    translations = translations.astype(np.float64)
+    shifts = translations - np.asarray(skeleton.offsets, np.float64)
+    shifts = _rotate(_conjugate(left), shifts)
+    moved = np.abs(shifts).max(0) > least_length * np.abs(translations).max((0, 2))[:, None]
     dofs = [_starting_dofs(names, j == 0) for j, names in enumerate(skeleton.channels)]
-    for j, names in enumerate(dofs):
-        if shifts[:, j].any():
-            dofs[j] = _with(names, "TXTYTZ" if j == 0 else "txtytz")
+    dofs = [_with(names, "t", moved[j].tolist()) for j, names in enumerate(dofs)]
     angles = _angles(turns, dofs)
     for j, names in enumerate(dofs):
         used = [slot for kind, slot in places(names) if kind == "r"]
         unused = [slot for slot in range(3) if slot not in used]
-        if np.abs(angles[:, j, unused]).max(initial=0.0) > tolerance:
-            dofs[j] = _with(names, "RXRYRZ" if j == 0 else "rxryrz")
+        if np.abs(angles[:, j, unused]).max(initial=0.0) > least_angle:
+            dofs[j] = _with(names, "r", (True, True, True))
             angles[:, j : j + 1] = _angles(turns[:, j : j + 1], dofs[j : j + 1])
     values = []
     for j, names in enumerate(dofs):
@@ -110,10 +110,12 @@ def _starting_dofs(channels: Sequence[str], root: bool) -> tuple[str, ...]:
     return (*ROOT_ORDER[:3], *map(str.upper, turns)) if turns else ROOT_ORDER
 
 
-def _with(dofs: tuple[str, ...], all_three: str) -> tuple[str, ...]:
-    names = [all_three[i : i + 2] for i in (0, 2, 4)]
+def _with(dofs: tuple[str, ...], kind: str, axes: Sequence[bool]) -> tuple[str, ...]:
+    """The dofs and those of ``kind`` about the ``axes`` that are missing, in the root's case."""
     present = {name.lower() for name in dofs}
-    return dofs + tuple(name for name in names if name.lower() not in present)
+    wanted = [kind + axis for axis, needed in zip("xyz", axes, strict=True) if needed]
+    added = tuple(name for name in wanted if name not in present)
+    return dofs + (tuple(map(str.upper, added)) if dofs and dofs[0].isupper() else added)
 
 
 def _angles(turns: np.ndarray, dofs: Sequence[tuple[str, ...]]) -> np.ndarray:

@@ -48,7 +48,7 @@ def load_amc(
     path: str | PathLike,
     *,
     asf: str | PathLike | None = None,
-    fps: float | None = None,
+    fps: float | int | None = None,
     dtype=None,
 ) -> Motion:
     """Read an AMC motion and its ASF skeleton.
@@ -73,18 +73,18 @@ def load_amc(
     if (table.unit or asf_unit) == "deg":
         dofs = dict(zip(skeleton.names, skeleton.channels, strict=True))
         columns = {n: _in_radians(v, dofs[n]) for n, v in columns.items()}
-    translations, rotations = transforms_from_dofs(skeleton, columns, table.num_frames)
-    moving = [
-        j for j, dofs in enumerate(skeleton.channels) if any(name[0] in "tT" for name in dofs)
-    ]
-    with np.errstate(over="ignore"):
-        arrays = [
-            a.astype(dtype)
-            for a in (skeleton.offsets, skeleton.end_offsets, translations, rotations)
-        ]
-    if not all(np.isfinite(a).all() for a in arrays):
-        raise MotionFileError(path, f"lengths too large for {dtype}", expected="finite lengths")
-    offsets, end_offsets, translations, rotations = map(jnp.asarray, arrays)
+    seconds = np.array(1.0 / (fps or table.fps or 120.0))
+    with np.errstate(over="ignore", invalid="ignore"):
+        transforms = transforms_from_dofs(skeleton, columns, table.num_frames)
+        arrays = (skeleton.offsets, skeleton.end_offsets, *transforms, seconds)
+        arrays = [np.asarray(array).astype(dtype) for array in arrays]
+    if not all(np.isfinite(array).all() for array in arrays) or arrays[-1] <= 0:
+        raise MotionFileError(
+            path,
+            "lengths, translations or a frame rate that are too large or too small",
+            expected=f"numbers that are finite in {dtype}",
+        )
+    offsets, end_offsets, translations, rotations, seconds = map(jnp.asarray, arrays)
     return Motion(
         Skeleton(
             skeleton.names,
@@ -98,8 +98,10 @@ def load_amc(
         ),
         translations,
         rotations,
-        1.0 / (fps or table.fps or 120.0),
-        translated_joints=tuple(moving),
+        seconds,
+        translated_joints=tuple(
+            j for j, dofs in enumerate(skeleton.channels) if any(dof[0] in "tT" for dof in dofs)
+        ),
     )
 
 

@@ -55,7 +55,9 @@ def test_round_trip_and_nearest_branch(smooth_rotations):
 
 
 def test_one_branch_stays_in_range(smooth_rotations):
-    angles = euler.to_euler(smooth_rotations, ["zxy"] * len(ORDERS), two_branches=[False] * len(ORDERS))
+    angles = euler.to_euler(
+        smooth_rotations, ["zxy"] * len(ORDERS), two_branches=[False] * len(ORDERS)
+    )
     assert np.abs(angles[..., 1]).max() <= np.pi / 2
 
 
