@@ -59,13 +59,16 @@ def decompose(
     sigma_c: ScalarLike = 1.0,
     scope: Literal["global", "per_joint"] = "global",
     order: Literal[1, 2] = 2,
+    length: ScalarLike | None = None,
 ) -> MotionLayers:
     """Split a motion into base, controllable and residual layers.
 
     **Arguments:** ``motion``: T ≥ 1 frames; ``gamma``: bound on ‖v‖ in radians, in (0, π), the
     paper's π/2; ``lam_c``, ``sigma_c``: parameters of the control layer, scalars or f[J], the
     paper's 1; ``scope``: one base for the body, or a rung of its own for every joint (its
-    translation follows); ``order``: of the smoother.
+    translation follows); ``order``: of the smoother; ``length``: how many frames count, traced or
+    not, when the rest is padding (any rotations; what comes out there means nothing), so that one
+    compiled function serves clips of many lengths.
     **Returns:** :class:`MotionLayers`. Differentiable in the motion, ``lam_c`` and ``sigma_c``.
     **Raises:** ``ValueError`` for an unknown scope or a γ outside (0, π).
     """
@@ -74,7 +77,8 @@ def decompose(
     if not isinstance(gamma, jax.Array) and not 0 < float(gamma) < np.pi:
         raise ValueError(f"decompose: gamma={gamma}; expected an angle between 0 and π")
     gamma, lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (gamma, lam_c, sigma_c))
-    return _decompose(motion, gamma, lam_c, sigma_c, scope, order)
+    length = None if length is None else jnp.asarray(length)
+    return _decompose(motion, gamma, lam_c, sigma_c, scope, order, length)
 
 
 @eqx.filter_jit
@@ -85,28 +89,37 @@ def _decompose(
     sigma_c: Array,
     scope: Literal["global", "per_joint"],
     order: Literal[1, 2],
+    length: Array | None,
 ) -> MotionLayers:
+    weights = None
+    if length is not None:
+        weights = (jnp.arange(motion.num_frames) < length).astype(motion.dtype)
     motion = motion.with_transforms(rotations=quaternion.align_signs(motion.rotations))
-    rung, saturated = _climb(jax.lax.stop_gradient(motion.rotations), gamma, scope, order)
+    rotations = jax.lax.stop_gradient(motion.rotations)
+    rung, saturated = _climb(rotations, weights, gamma, scope, order)
     lam, sigma = _rung_parameters(rung, motion.dtype)
-    base = smooth_motion(motion, lam, sigma, order=order)
+    base = smooth_motion(motion, lam, sigma, order=order, weights=weights)
     whole = minus(motion, base)
     control = Displacement(
-        _smoothed(whole.translations, lam_c, sigma_c, order),
-        _smoothed(whole.rotations, lam_c, sigma_c, order),
+        _smoothed(whole.translations, lam_c, sigma_c, order, weights),
+        _smoothed(whole.rotations, lam_c, sigma_c, order, weights),
     )
     left = quaternion.between(quaternion.exp(control.rotations), quaternion.exp(whole.rotations))
     residual = Displacement(whole.translations - control.translations, quaternion.log(left))
     return MotionLayers(base, control, residual, lam, sigma, saturated)
 
 
-def _climb(rotations: Array, gamma: Array, scope: str, order: Literal[1, 2]):
+def _climb(rotations: Array, weights: Array | None, gamma: Array, scope: str, order: Literal[1, 2]):
     """The last rung before the first whose displacements pass γ, and whether there was none."""
     joints = rotations.shape[1] if scope == "per_joint" else 1
 
     def exceeds(k):
-        base = smooth_quaternions(rotations, *_rung_parameters(k, rotations.dtype), order=order)
-        length = jnp.max(safe_norm(quaternion.log(quaternion.between(base, rotations))), axis=0)
+        lam, sigma = _rung_parameters(k, rotations.dtype)
+        base = smooth_quaternions(rotations, lam, sigma, order=order, weights=weights)
+        angle = safe_norm(quaternion.log(quaternion.between(base, rotations)))
+        if weights is not None:
+            angle = jnp.where(weights[:, None] > 0, angle, 0)
+        length = jnp.max(angle, axis=0)
         return (length if scope == "per_joint" else jnp.max(length)[None]) > gamma
 
     def climbing(state):
@@ -128,6 +141,8 @@ def _rung_parameters(k: Array, dtype) -> tuple[Array, Array]:
     return _LAM_0 * growth, _SIGMA_0 * growth
 
 
-def _smoothed(x: AnyArray, lam: Array, sigma: Array, order: Literal[1, 2]) -> Array:
+def _smoothed(
+    x: AnyArray, lam: Array, sigma: Array, order: Literal[1, 2], weights: Array | None
+) -> Array:
     lam, sigma = (p if p.ndim == 0 else p[:, None] for p in (lam, sigma))
-    return lgs(x, lam, sigma, order=order).mean
+    return lgs(x, lam, sigma, order=order, weights=weights).mean

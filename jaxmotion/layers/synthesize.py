@@ -51,28 +51,38 @@ def _synthesize(layers: MotionLayers, turning: Array, moving: Array, residual: A
 
 
 def denoise(
-    motion: Motion, *, lam: ScalarLike = 1.0, sigma: ScalarLike = 1.0, strength: ArrayLike = 1.0
+    motion: Motion,
+    *,
+    lam: ScalarLike = 1.0,
+    sigma: ScalarLike = 1.0,
+    strength: ArrayLike = 1.0,
+    length: ScalarLike | None = None,
 ) -> Motion:
     """Remove the residual layer.
 
     **Arguments:** ``lam``, ``sigma``: parameters of the control layer, scalars or f[J] (the
     paper's 1, 1); ``strength``: the share of the residual that is removed, 1 for all, 0 for none;
-    a scalar, f[J] or f[T, J].
+    a scalar, f[J] or f[T, J]; ``length``: as :func:`decompose`.
     **Returns:** a motion of the same shape. Eom et al. 2019, §5.2 (α = 1).
     """
-    layers = decompose(motion, lam_c=lam, sigma_c=sigma)
+    layers = decompose(motion, lam_c=lam, sigma_c=sigma, length=length)
     return synthesize(layers, 1.0, 1.0 - jnp.asarray(strength, motion.dtype))
 
 
 def stylize(
-    motion: Motion, alpha: ArrayLike, *, residual: ArrayLike = 0.0, gamma: ScalarLike = np.pi / 2
+    motion: Motion,
+    alpha: ArrayLike,
+    *,
+    residual: ArrayLike = 0.0,
+    gamma: ScalarLike = np.pi / 2,
+    length: ScalarLike | None = None,
 ) -> Motion:
     """Exaggerate (α > 1) or attenuate (α < 1) the style of a motion.
 
     **Arguments:** as :func:`synthesize` and :func:`decompose`; :func:`joint_weights` makes an
     ``alpha`` from names. **Returns:** a motion of the same shape. Eom et al. 2019, §5.2.
     """
-    return synthesize(decompose(motion, gamma=gamma), alpha, residual)
+    return synthesize(decompose(motion, gamma=gamma, length=length), alpha, residual)
 
 
 def joint_weights(
