@@ -3,16 +3,20 @@
 from jaxmotion.timing.buckets import bucket_size, pad_to_bucket
 from jaxmotion.timing.dtw import WarpPath, dtw
 from jaxmotion.timing.frame_distance import frame_distance
+from jaxmotion.timing.motion_warping import MotionWarp, motion_warping, unwarp
 from jaxmotion.timing.pose_distance import pose_distance
 from jaxmotion.timing.soft_dtw import soft_alignment, soft_dtw
 
 __all__ = [
+    "MotionWarp",
     "WarpPath",
     "bucket_size",
     "dtw",
     "frame_distance",
+    "motion_warping",
     "pad_to_bucket",
     "pose_distance",
     "soft_alignment",
     "soft_dtw",
+    "unwarp",
 ]

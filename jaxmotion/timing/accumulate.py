@@ -64,7 +64,7 @@ def unskew(diagonals: Array, m: int) -> Array:
     return shifted.reshape(n, n + m)[:, :m]
 
 
-def shift_in(values: Array, outside: float) -> Array:
+def shift_in(values: Array, outside: float | Array) -> Array:
     """Row i of the result is row i − 1; ``outside`` enters at row 0."""
     fill = jnp.asarray(outside, values.dtype)
     return lax.pad(values[:-1], fill, [(1, 0, 0)] + [(0, 0, 0)] * (values.ndim - 1))
