@@ -6,6 +6,7 @@ libraries raise comes out as :class:`~jaxmotion.io.MotionFileError`. Members are
 arrays that nobody asked for (of any kind) do no harm.
 """
 
+import io
 import math
 import zipfile
 from os import PathLike
@@ -96,5 +97,6 @@ def write_archive(file: IO[bytes], arrays: dict[str, np.ndarray], *, compress: b
         for name, array in arrays.items():
             info = zipfile.ZipInfo(f"{name}.npy")
             info.compress_type = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
-            with archive.open(info, "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, array, allow_pickle=False)
+            member = io.BytesIO()
+            np.lib.format.write_array(member, array, allow_pickle=False)
+            archive.writestr(info, member.getbuffer(), compresslevel=1)
