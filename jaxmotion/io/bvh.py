@@ -4,11 +4,11 @@ Reading. Position channels replace OFFSET, axis by axis; axes without one keep O
 channels, in degrees, become a local unit quaternion, q = q₁(θ₁) q₂(θ₂) q₃(θ₃), intrinsic, in the
 file's order for that joint. A joint counts as translated if a position value leaves OFFSET by more
 than a millionth of the longest offset (exporters repeat OFFSET in single precision, which is no
-movement; the values are kept as they are); the root always does. Names, channel names and order, end sites and the text of the
-frame time are kept. Read without complaint: any mixture of channels, CRLF, tabs, byte-order marks
-(UTF-8, UTF-16), Latin-1 names, exponents, no line end at the end of the file. Repaired, with a
-:class:`~jaxmotion.io.MotionFileWarning`: a frame count that is not the number of rows (the rows
-count), a last row that is cut off (dropped), a name used twice (numbered).
+movement; the values are kept as they are); the root always does. Names, channel names and order,
+end sites and the text of the frame time are kept. Read without complaint: any mixture of channels,
+CRLF, tabs, byte-order marks (UTF-8, UTF-16), Latin-1 names, exponents, no line end at the end of
+the file. Repaired, with a :class:`~jaxmotion.io.MotionFileWarning`: a frame count that is not the
+number of rows (the rows count), a last row that is cut off (dropped), a name used twice (numbered).
 
 Writing. Translations are exact (the shortest decimals that read back as the same number); angles
 are unwrapped against the frame before and rounded to 10⁻¹² degrees, so rotations come back to

@@ -63,9 +63,7 @@ def parse_header(path: str | PathLike, data: bytes, start: int) -> Frames:
     line = data.count(b"\n", 0, start) + 1
     first = _FRAMES.match(data, start)
     if first is None:
-        raise MotionFileError(
-            path, quoted(_next_line(data, start)), expected="'Frames: N' after MOTION", line=line
-        )
+        raise _expected(path, data, start, line, "'Frames: N' after MOTION")
     line += data.count(b"\n", start, first.end())
     if not re.fullmatch(rb"\+?[0-9]{1,18}", first[1]):
         raise MotionFileError(
@@ -73,10 +71,7 @@ def parse_header(path: str | PathLike, data: bytes, start: int) -> Frames:
         )
     second = _FRAME_TIME.match(data, first.end())
     if second is None:
-        found = quoted(_next_line(data, first.end()))
-        raise MotionFileError(
-            path, found, expected="'Frame Time: seconds' after 'Frames:'", line=line
-        )
+        raise _expected(path, data, first.end(), line, "'Frame Time: seconds' after 'Frames:'")
     line += data.count(b"\n", first.end(), second.end())
     text = second[1].decode("latin-1")
     return Frames(int(first[1]), text, second.end(), line)
@@ -138,9 +133,12 @@ def parse_rows(
         first, start, done = last + 1, stop, total
 
 
-def _next_line(data: bytes, start: int) -> bytes:
-    rest = data[start : start + 400].lstrip()
-    return rest.split(b"\n", 1)[0].rstrip() or b"the end of the file"
+def _expected(path, data: bytes, start: int, line: int, expected: str) -> MotionFileError:
+    """What stands at ``start``, on ``line``, or on the first line after it that is not blank."""
+    rest = data[start:].lstrip()
+    line += data.count(b"\n", start, len(data) - len(rest))
+    found = quoted(rest.split(b"\n", 1)[0].rstrip()) if rest else "the end of the file"
+    return MotionFileError(path, found, expected=expected, line=line)
 
 
 def _unfinished_token(data: bytes, start: int) -> bool:
@@ -222,7 +220,7 @@ def _bad_token(path, data, span, frame: int, frames: Frames, hierarchy: Hierarch
                 column = hierarchy.column_name(seen % hierarchy.columns)
                 return MotionFileError(
                     path,
-                    f"{quoted(token)} for {column}",
+                    f"{quoted(token)} for {quoted(column)}",
                     expected="a finite number",
                     hint="write decimal points, not commas" if b"," in token else "",
                     line=line + offset,

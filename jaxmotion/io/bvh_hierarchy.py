@@ -28,6 +28,7 @@ from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _PIECE = re.compile(r"[{}]|[^{}]+")
 _BLANK = " \t\r\v\f"
+_BLANKS = re.compile(f"[{_BLANK}]+")
 
 
 class Hierarchy(NamedTuple):
@@ -62,6 +63,17 @@ def parse_number(text: str) -> float | None:
         return None
     value = float(text)
     return value if math.isfinite(value) else None
+
+
+def keyword_and_value(text: str) -> tuple[str, str]:
+    """The first word, in small letters, and what follows the blanks after it."""
+    word, *rest = _BLANKS.split(text, maxsplit=1)
+    return word.lower(), rest[0] if rest else ""
+
+
+def reads_back(text: str) -> bool:
+    """Whether a name or label, written on a line, is read as it was."""
+    return text != "" and text == text.strip(_BLANK) and not set(text) & set("{}\n")
 
 
 def parse_hierarchy(path: str | PathLike, text: str) -> Hierarchy:
@@ -106,8 +118,7 @@ class _Parser:
         self.end_labels: list[str] = []
 
     def statement(self, text: str) -> None:
-        word, *rest = text.split(None, 1)
-        keyword, value = word.lower(), rest[0] if rest else ""
+        keyword, value = keyword_and_value(text)
         if not self.begun:
             if text.lower() != "hierarchy":
                 raise self.error(quoted(text), "HIERARCHY on the first line", "is this a BVH file?")

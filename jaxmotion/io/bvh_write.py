@@ -4,20 +4,17 @@ The channels are the skeleton's own wherever they can say what the motion does (
 Rows come out in blocks of some 500 frames, so a long clip never stands in memory as text.
 """
 
-import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from jaxmotion.io.bvh_hierarchy import parse_number
+from jaxmotion.io.bvh_hierarchy import keyword_and_value, parse_number, reads_back
 from jaxmotion.io.channels import parse_channels, with_all_positions, with_all_rotations
 from jaxmotion.io.decimal_text import number_text, table_text
 from jaxmotion.io.euler_blocks import angle_blocks, frame_blocks, other_branch
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import DEFAULT_CHANNELS, DEFAULT_ROOT_CHANNELS, Skeleton
-
-_END_LABEL = re.compile(r"end(\s[^{}\r\n]*[^{}\s])?", re.IGNORECASE)
 
 
 class Plan(NamedTuple):
@@ -132,13 +129,13 @@ def _check(motion: Motion) -> None:
 
 def _check_skeleton(skeleton: Skeleton) -> None:
     for name in skeleton.names:
-        if not name or name != name.strip() or any(c in "{}" or not c.isprintable() for c in name):
+        if not reads_back(name):
             raise ValueError(
-                f"save: the joint name {name!r} cannot be written; expected printable text "
-                "without braces and without blanks at its ends"
+                f"save: the joint name {name!r} cannot be written; expected text without braces "
+                "and line ends, and without blanks in front or behind"
             )
     for label in skeleton.end_labels:
-        if not _END_LABEL.fullmatch(label):
+        if not reads_back(label) or keyword_and_value(label)[0] != "end":
             raise ValueError(f"save: the end site {label!r} cannot be written; expected 'End Site'")
     offsets = np.concatenate([np.ravel(skeleton.offsets), np.ravel(skeleton.end_offsets)])
     if not np.isfinite(offsets).all():

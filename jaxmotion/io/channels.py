@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
+from jaxmotion.io.errors import quoted
+
 _AXES = "xyz"
 
 
@@ -37,12 +39,12 @@ def parse_channels(names: Sequence[str]) -> JointChannels:
     for slot, name in enumerate(names):
         axis, kind = _AXES.find(name[:1].lower()), name[1:].lower()
         if axis < 0 or kind not in ("position", "rotation"):
-            raise ValueError(f"the channel {name!r}")
+            raise ValueError(f"the channel {quoted(name)}")
         if kind == "rotation":
             rotations.append(slot)
             letters += _AXES[axis].upper()
         elif axis in (taken for _, taken in positions):
-            raise ValueError(f"the channel {name!r} twice")
+            raise ValueError(f"the channel {quoted(name)} twice")
         else:
             positions.append((slot, axis))
     repeated = any(a == b for a, b in pairwise(letters))

@@ -54,7 +54,8 @@ def _piece(values: np.ndarray, rounded: np.ndarray, single: bool) -> bytes:
 
 def _scaled_double(v: np.ndarray, loose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """v·10¹² as integers, and which of them say v exactly."""
-    fixed = np.rint(v * _SCALE)
+    with np.errstate(over="ignore"):
+        fixed = np.rint(v * _SCALE)
     known = np.abs(fixed) < _EXACT_INTEGERS
     known &= loose | (fixed / _SCALE == v)
     return np.where(known, fixed, 0).astype(np.int64), known

@@ -71,4 +71,4 @@ def quoted(text: str | bytes, limit: int = 40) -> str:
     """A piece of a file, fit for a message: quoted, printable and short."""
     if isinstance(text, bytes):
         text = text[: 4 * limit].decode("utf-8", "backslashreplace")
-    return ascii(text if len(text) <= limit else text[:limit] + "...")
+    return repr(text if len(text) <= limit else text[:limit] + "...")
