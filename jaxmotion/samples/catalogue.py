@@ -1,0 +1,50 @@
+"""The clips by name, and a clean clip with its noisy twin."""
+
+from collections.abc import Callable
+
+import jax
+
+from jaxmotion._types import ScalarLike
+from jaxmotion.samples.actions import dance, idle, jump, kick
+from jaxmotion.samples.corruptions import Corrupted, add_noise
+from jaxmotion.samples.gaits import quadruped_trot, quadruped_walk, run, walk
+from jaxmotion.samples.posing import Sample
+
+_CLIPS: dict[str, Callable[..., Sample]] = {
+    clip.__name__: clip
+    for clip in (walk, run, idle, kick, jump, dance, quadruped_walk, quadruped_trot)
+}
+
+
+def names() -> tuple[str, ...]:
+    """What :func:`load` knows: "walk", "run", …"""
+    return tuple(_CLIPS)
+
+
+def load(name: str, **options) -> Sample:
+    """The clip called ``name``; ``options`` go to the function of that name.
+
+    **Raises:** ``ValueError``, listing the names, if there is none; as the function otherwise.
+    """
+    if name not in _CLIPS:
+        raise ValueError(f"no sample is called {name!r}; the samples are {', '.join(_CLIPS)}")
+    return _CLIPS[name](**options)
+
+
+def clean_and_noisy(
+    name: str = "walk",
+    *,
+    rotation: ScalarLike = 0.02,
+    translation: ScalarLike = 0.005,
+    seed: int = 0,
+    **options,
+) -> tuple[Sample, Corrupted]:
+    """A clip and the same with white noise on every rotation and on the root's position.
+
+    **Arguments:** ``rotation``: standard deviation of each component, radians; ``translation``: in
+    metres; ``seed``: of clip and noise; others as :func:`load`.
+    **Returns:** the clean :class:`Sample` and the :class:`Corrupted`.
+    """
+    sample = load(name, seed=seed, **options)
+    noise_key = jax.random.key(seed)
+    return sample, add_noise(sample.motion, noise_key, rotation=rotation, translation=translation)

@@ -1,0 +1,157 @@
+"""Seeded damage to a whole clip, with the entries it touched.
+
+    noise        q ← q ⊗ exp(ε n),  p ← p + s m,     n, m ~ N(0, I)
+    drop         frames are lost; the last one kept is repeated
+    slide        the root drifts along the floor, as skating feet do
+    flip         q ← −q: the same rotation, another sign
+
+Every corruption, here and in :mod:`jaxmotion.samples.joint_errors`, takes a
+:class:`~jaxmotion.Motion` f[T, J, …] and a JAX key, is deterministic, and returns a
+:class:`Corrupted`: the motion and mask bool[T, J] of the joints touched in each frame. What the
+mask leaves out is bit-identical. Radians; lengths in the motion's unit. O(T·J).
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, PRNGKeyArray, UInt32
+
+from jaxmotion import quaternion
+from jaxmotion._types import ScalarLike
+from jaxmotion.motion import Motion
+
+Key = PRNGKeyArray | UInt32[Array, "2"]
+
+
+class Corrupted(eqx.Module):
+    """A damaged clip: ``motion``, and ``mask`` bool[T, J], True where it was touched."""
+
+    motion: Motion
+    mask: Bool[Array, "time joint"]
+
+
+def add_noise(
+    motion: Motion, key: Key, *, rotation: ScalarLike = 0.02, translation: ScalarLike = 0.0
+) -> Corrupted:
+    """White noise on every rotation and on the translations of the joints that have any.
+
+    **Arguments:** ``rotation``: standard deviation of each component, radians; ``translation``:
+    the same in the motion's length unit. The mask tells all joints if ``rotation`` is not 0, and
+    ``motion.translated_joints`` if ``translation`` is not.
+    **Raises:** ``ValueError`` for a negative amount.
+    """
+    _check_not_negative("add_noise", rotation=rotation, translation=translation)
+    kind = motion.dtype
+    return _add_noise(motion, key, jnp.asarray(rotation, kind), jnp.asarray(translation, kind))
+
+
+def drop_frames(motion: Motion, key: Key, *, rate: ScalarLike = 0.1) -> Corrupted:
+    """Lose frames at random; each repeats the last frame kept. The first frame is never lost.
+
+    The mask's rows tell which: ``mask[:, 0]``.
+
+    **Arguments:** ``rate``: share of frames lost, from 0 to 1.
+    **Raises:** ``ValueError`` for a rate out of range.
+    """
+    _check_rate("drop_frames", rate)
+    return _drop(motion, key, jnp.asarray(rate, motion.dtype))
+
+
+def slide_root(motion: Motion, key: Key, *, amount: ScalarLike = 0.1) -> Corrupted:
+    """Let the root drift along the floor, so that planted feet skate.
+
+    A constant velocity of random direction plus one slow seeded wave, along the two axes that are
+    not ``skeleton.up``. Rotations stay.
+
+    **Arguments:** ``amount``: drift at the last frame, as a fraction of the skeleton's longest
+    chain from the root (about the height from the hips to the hands or toes).
+    **Raises:** ``ValueError`` for a negative amount.
+    """
+    _check_not_negative("slide_root", amount=amount)
+    return _slide(motion, key, jnp.asarray(amount, motion.dtype))
+
+
+def flip_signs(motion: Motion, key: Key, *, rate: ScalarLike = 0.05) -> Corrupted:
+    """Negate quaternions at random: the rotations stay the same, as after careless conversions.
+
+    **Arguments:** ``rate``: share of the entries negated, from 0 to 1.
+    **Raises:** ``ValueError`` for a rate out of range.
+    """
+    _check_rate("flip_signs", rate)
+    return _flip(motion, key, jnp.asarray(rate, motion.dtype))
+
+
+@eqx.filter_jit
+def _add_noise(motion, key, rotation, translation):
+    q, p = motion.rotations, motion.translations
+    noise = jax.random.normal(key, (*q.shape[:-1], 6), q.dtype)
+    noise, shift = noise[..., :3], noise[..., 3:]
+    turned = jnp.broadcast_to(rotation != 0, q.shape[:-1])
+    moved = jnp.zeros(motion.num_joints, bool).at[np.array(motion.translated_joints, int)].set(True)
+    moved = jnp.broadcast_to(moved & (translation != 0), q.shape[:-1])
+    return Corrupted(
+        motion.with_transforms(
+            jnp.where(moved[..., None], p + translation * shift, p),
+            jnp.where(
+                turned[..., None], quaternion.multiply(q, quaternion.exp(rotation * noise)), q
+            ),
+        ),
+        turned | moved,
+    )
+
+
+@eqx.filter_jit
+def _drop(motion, key, rate):
+    frames = jnp.arange(motion.num_frames)
+    lost = (jax.random.uniform(key, frames.shape, motion.dtype) < rate) & (frames > 0)
+    kept = jax.lax.cummax(jnp.where(lost, 0, frames))
+    mask = jnp.broadcast_to(lost[:, None], motion.rotations.shape[:2])
+    return Corrupted(
+        motion.with_transforms(motion.translations[kept], motion.rotations[kept]), mask
+    )
+
+
+@eqx.filter_jit
+def _slide(motion, key, amount):
+    kind, skeleton = motion.dtype, motion.skeleton
+    depth = [jnp.zeros((), kind)]
+    lengths = jnp.linalg.norm(jnp.asarray(skeleton.offsets, kind), axis=-1)
+    for j, parent in enumerate(skeleton.parents[1:], 1):
+        depth.append(depth[parent] + lengths[j])
+    size = jnp.max(jnp.stack(depth)) * amount
+    heading, phase = jax.random.uniform(key, (2,), kind, 0, 2 * jnp.pi)
+    u = jnp.arange(1, motion.num_frames + 1, dtype=kind) / motion.num_frames
+    forward, across = u * size, 0.25 * size * (jnp.sin(2 * jnp.pi * u + phase) - jnp.sin(phase))
+    first, second = ("xyz".index(a) for a in "xyz" if a != skeleton.up)
+    cos, sin = jnp.cos(heading), jnp.sin(heading)
+    drift = jnp.zeros((motion.num_frames, 3), kind)
+    drift = drift.at[:, first].set(cos * forward - sin * across)
+    drift = drift.at[:, second].set(sin * forward + cos * across)
+    moved = motion.translations.at[:, 0].add(drift)
+    mask = jnp.zeros(motion.rotations.shape[:2], bool).at[:, 0].set(size > 0)
+    return Corrupted(motion.with_transforms(moved), mask)
+
+
+@eqx.filter_jit
+def _flip(motion, key, rate):
+    mask = jax.random.uniform(key, motion.rotations.shape[:-1], motion.dtype) < rate
+    return replace_where(motion, mask, -motion.rotations)
+
+
+def replace_where(motion, mask, rotations) -> Corrupted:
+    """The clip with ``rotations`` where the mask is set, and untouched elsewhere."""
+    kept = jnp.where(mask[..., None], rotations, motion.rotations)
+    return Corrupted(motion.with_transforms(rotations=kept), mask)
+
+
+def _check_not_negative(who, **amounts):
+    for name, value in amounts.items():
+        if not isinstance(value, Tracer) and not np.all(np.asarray(value) >= 0):
+            raise ValueError(f"{who}: {name}={value!r}; expected a number of at least 0")
+
+
+def _check_rate(who, rate):
+    if not isinstance(rate, Tracer) and not 0 <= float(rate) <= 1:
+        raise ValueError(f"{who}: rate={rate!r}; expected a share from 0 to 1")

@@ -1,0 +1,259 @@
+"""Seeded errors of single joints over runs of frames, with the entries they touched.
+
+    offset       q ← q ⊗ exp(v) over a run of frames, ‖v‖ in ``magnitude``
+    spike        the same in single frames
+    limit        the rotation vector's part along the joint's own widest direction is pushed
+                 ``excess`` beyond the widest it goes in this clip, over a run
+    freeze       a joint keeps the rotation it has as a run begins
+    swap         left and right joints exchange rotations over a run
+
+Runs are drawn with replacement: where two fall on one entry, the first drawn wins. A run that
+reaches beyond the last frame is cut there. Takes and returns what
+:mod:`jaxmotion.samples.corruptions` says. Radians. O(R·T·J) for R runs.
+
+The set is the one Aristidou et al. 2018, §5, describe in words; the magnitudes are ours.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxmotion import quaternion
+from jaxmotion._numerics import safe_norm
+from jaxmotion.motion import Motion
+from jaxmotion.samples.corruptions import Corrupted, Key, replace_where
+from jaxmotion.skeleton import Skeleton
+
+
+def offset_joints(
+    motion: Motion,
+    key: Key,
+    *,
+    runs: int = 8,
+    magnitude: tuple[float | int, float | int] = (0.5, 1.5),
+    length: tuple[int, int] = (5, 30),
+    joints: Sequence[int] | None = None,
+) -> Corrupted:
+    """Turn a joint by a constant rotation, in its own frame, over each of ``runs`` runs.
+
+    **Arguments:** ``magnitude``: least and greatest angle, radians; ``length``: least and greatest
+    number of frames, both included; ``joints``: which may be hit, all but the root when absent.
+    **Raises:** ``ValueError`` for bad arguments.
+    """
+    joints = _check_runs("offset_joints", motion, runs, length, joints)
+    _check_range("offset_joints", "magnitude", magnitude)
+    return _offset(motion, key, runs, magnitude, length, joints)
+
+
+def add_spikes(
+    motion: Motion,
+    key: Key,
+    *,
+    count: int = 10,
+    magnitude: tuple[float | int, float | int] = (0.5, 1.5),
+    joints: Sequence[int] | None = None,
+) -> Corrupted:
+    """Turn a joint by a rotation in a single frame, ``count`` times; as :func:`offset_joints`."""
+    joints = _check_runs("add_spikes", motion, count, (1, 1), joints, name="count")
+    _check_range("add_spikes", "magnitude", magnitude)
+    return _offset(motion, key, count, magnitude, (1, 1), joints)
+
+
+def violate_limits(
+    motion: Motion,
+    key: Key,
+    *,
+    runs: int = 4,
+    excess: tuple[float | int, float | int] = (0.3, 0.8),
+    length: tuple[int, int] = (5, 30),
+    joints: Sequence[int] | None = None,
+) -> Corrupted:
+    """Push a joint beyond the range it has in this clip, over each of ``runs`` runs.
+
+    With v the rotation vector from the joint's first pose and e the direction of the longest v of
+    the clip, v·e becomes max(v·e) + ``excess`` and the rest of v stays.
+
+    **Arguments:** ``excess``: least and greatest, radians; others as :func:`offset_joints`.
+    **Raises:** ``ValueError`` for bad arguments.
+    """
+    joints = _check_runs("violate_limits", motion, runs, length, joints)
+    _check_range("violate_limits", "excess", excess)
+    return _violate_limits(motion, key, runs, excess, length, joints)
+
+
+def freeze_joints(
+    motion: Motion,
+    key: Key,
+    *,
+    runs: int = 4,
+    length: tuple[int, int] = (5, 30),
+    joints: Sequence[int] | None = None,
+) -> Corrupted:
+    """Hold a joint at the rotation of a run's first frame for the frames that follow it.
+
+    **Arguments:** ``length``: frames held, the first not counted; others as :func:`offset_joints`.
+    **Raises:** ``ValueError`` for bad arguments.
+    """
+    joints = _check_runs("freeze_joints", motion, runs, length, joints)
+    return _freeze(motion, key, runs, length, joints)
+
+
+def swap_limbs(
+    motion: Motion,
+    key: Key,
+    *,
+    runs: int = 1,
+    length: tuple[int, int] = (5, 30),
+    pairs: Sequence[tuple[int, int]] | None = None,
+) -> Corrupted:
+    """Exchange the rotations of left and right joints, as mixed-up channels do, over runs.
+
+    **Arguments:** ``pairs``: joints to exchange, all together; when absent, every "Left…" with its
+    "Right…"; others as :func:`offset_joints`.
+    **Raises:** ``ValueError`` for bad arguments, or if no pair is given and none is found by name.
+    """
+    chosen = _pairs_by_name(motion.skeleton) if pairs is None else [tuple(p) for p in pairs]
+    if not chosen:
+        raise ValueError("swap_limbs: no joints called Left… and Right…; give pairs=[(i, j), …]")
+    both = [j for pair in chosen for j in pair]
+    if len(set(both)) != len(both):
+        raise ValueError(f"swap_limbs: pairs={chosen!r} names a joint twice")
+    _check_runs("swap_limbs", motion, runs, length, both)
+    partner = np.arange(motion.num_joints)
+    for i, j in chosen:
+        partner[i], partner[j] = j, i
+    return _swap(motion, key, runs, length, tuple(int(j) for j in partner))
+
+
+def inject_errors(
+    motion: Motion, key: Key, *, runs: int = 3, length: tuple[int, int] = (5, 30)
+) -> Corrupted:
+    """Offsets, limit violations, frozen joints and spikes together, ``runs`` of each.
+
+    **Arguments:** as :func:`offset_joints`. **Raises:** ``ValueError`` for bad arguments.
+    """
+    offsets, limits, frozen, spikes = jax.random.split(key, 4)
+    damaged = offset_joints(motion, offsets, runs=runs, length=length)
+    mask = damaged.mask
+    for damage in (
+        lambda m: violate_limits(m, limits, runs=runs, length=length),
+        lambda m: freeze_joints(m, frozen, runs=runs, length=length),
+        lambda m: add_spikes(m, spikes, count=runs),
+    ):
+        damaged = damage(damaged.motion)
+        mask = mask | damaged.mask
+    return Corrupted(damaged.motion, mask)
+
+
+class _Runs(NamedTuple):
+    """``cover`` bool[R, T, J]; ``start`` int[R], the first frame; ``spare`` f[R, 3] in [0, 1)."""
+
+    cover: Array
+    start: Array
+    spare: Array
+
+    @property
+    def hit(self):
+        return jnp.any(self.cover, axis=0)
+
+    def spread(self, values):
+        """A value of each run, R first, where the first run to cover an entry rules: [T, J, …]."""
+        return values[jnp.argmax(self.cover, axis=0)]
+
+
+def _draw_runs(motion, key, runs, length, joints, earliest=0) -> _Runs:
+    """All that is random comes from one draw: it is what takes long to compile."""
+    frames, (low, high) = motion.num_frames, length
+    u = jax.random.uniform(key, (6, runs), motion.dtype)
+    joint = jnp.asarray(np.array(joints))[_pick(u[0], len(joints))]
+    start = earliest + _pick(u[1], max(frames - low - earliest, 0) + 1)
+    stop = start + low + _pick(u[2], high - low + 1)
+    t = jnp.arange(frames)
+    during = (t >= start[:, None]) & (t < stop[:, None])
+    mine = jnp.arange(motion.num_joints) == joint[:, None, None]
+    return _Runs(during[..., None] & mine, start, u[3:].T)
+
+
+def _pick(u, count: int):
+    """Whole numbers 0 … count − 1 from uniform ones in [0, 1)."""
+    return jnp.minimum((u * count).astype(int), count - 1)
+
+
+def _scale(u, bounds):
+    return bounds[0] + (bounds[1] - bounds[0]) * u
+
+
+@eqx.filter_jit
+def _offset(motion, key, runs, magnitude, length, joints):
+    drawn = _draw_runs(motion, key, runs, length, joints)
+    height, around = 2 * drawn.spare[:, 0] - 1, 2 * jnp.pi * drawn.spare[:, 1]
+    flat = jnp.sqrt(1 - height * height)  # Archimedes: uniform on the sphere
+    axis = jnp.stack([flat * jnp.cos(around), flat * jnp.sin(around), height], axis=-1)
+    turn = quaternion.exp(axis * _scale(drawn.spare[:, 2:], magnitude))
+    turned = quaternion.multiply(motion.rotations, drawn.spread(turn))
+    return replace_where(motion, drawn.hit, turned)
+
+
+@eqx.filter_jit
+def _violate_limits(motion, key, runs, excess, length, joints):
+    drawn = _draw_runs(motion, key, runs, length, joints)
+    v = quaternion.log(quaternion.between(motion.rotations[:1], motion.rotations))
+    widest = jnp.argmax(jnp.sum(v * v, axis=-1), axis=0)
+    e = jnp.take_along_axis(v, widest[None, :, None], axis=0)
+    norm = safe_norm(e, keepdims=True)
+    still = norm < float(jnp.finfo(v.dtype).eps) ** 0.5
+    e = jnp.where(still, jnp.array([1, 0, 0], v.dtype), e / jnp.where(still, 1, norm))
+    along = jnp.sum(v * e, axis=-1)
+    goal = jnp.max(along, axis=0) + drawn.spread(_scale(drawn.spare[:, 0], excess))
+    beyond = quaternion.exp(v + (goal - along)[..., None] * e)
+    return replace_where(motion, drawn.hit, quaternion.multiply(motion.rotations[:1], beyond))
+
+
+@eqx.filter_jit
+def _freeze(motion, key, runs, length, joints):
+    drawn = _draw_runs(motion, key, runs, length, joints, earliest=1)
+    frame = jnp.broadcast_to(drawn.spread(drawn.start - 1), drawn.hit.shape)
+    frame = jnp.minimum(frame, motion.num_frames - 1)
+    held = jnp.take_along_axis(motion.rotations, frame[..., None], axis=0)
+    return replace_where(motion, drawn.hit, held)
+
+
+@eqx.filter_jit
+def _swap(motion, key, runs, length, partner):
+    partner = np.array(partner)
+    hit = _draw_runs(motion, key, runs, length, (0,)).hit[:, :1]
+    mask = hit & jnp.asarray(partner != np.arange(len(partner)))
+    return replace_where(motion, mask, motion.rotations[:, partner])
+
+
+def _pairs_by_name(skeleton: Skeleton):
+    names = {name: j for j, name in enumerate(skeleton.names)}
+    return [
+        (j, names[name.replace("Left", "Right")])
+        for name, j in names.items()
+        if "Left" in name and name.replace("Left", "Right") in names
+    ]
+
+
+def _check_range(who, name, pair):
+    if len(pair) != 2 or not 0 <= pair[0] <= pair[1]:
+        raise ValueError(f"{who}: {name}={pair!r}; expected (least, greatest), both at least 0")
+
+
+def _check_runs(who, motion, runs, length, joints, name="runs") -> tuple[int, ...]:
+    if not isinstance(runs, (int, np.integer)) or runs < 1:
+        raise ValueError(f"{who}: {name}={runs!r}; expected a whole number of at least 1")
+    if len(length) != 2 or not 1 <= length[0] <= length[1]:
+        raise ValueError(f"{who}: length={length!r}; expected (least, greatest) frames, from 1 up")
+    count = motion.num_joints
+    if joints is None:
+        return tuple(range(1, count)) or (0,)
+    chosen = tuple(int(j) for j in joints)
+    if not chosen or not all(0 <= j < count for j in chosen):
+        raise ValueError(f"{who}: joints={joints!r}; expected indices from 0 to {count - 1}")
+    return chosen
