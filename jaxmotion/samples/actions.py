@@ -163,12 +163,12 @@ def jump(
         feet.append(follow(plan, leg.heel, leg.ball, roll, t))
     now = t % beat
     times = (0.05, 0.50, 0.80, 1.09, 1.38, 1.62, 2.3)
-    rise = keyed(now, times, (0.0, -0.30, -0.08, 0.0, -0.06, -0.26, 0.0))
-    rise = rise + height * bump(now, 1.09, 0.42)
+    dip = keyed(now, times, (0.0, -0.30, -0.08, 0.0, -0.06, -0.26, 0.0))
+    rise = dip + height * bump(now, 1.09, 0.42)
     forward = np.floor(t / beat) + ease(now, 0.55, 1.60)
-    crouch = np.clip(-rise, 0.0, None) ** 2 / 0.3
+    back = 0.5 * dip**2  # the hips go back as they go down
     root = np.stack(
-        [sway(rng, t, 0.006), _HEIGHT + rise, 0.01 + distance * forward - 0.15 * crouch], axis=-1
+        [sway(rng, t, 0.006), _HEIGHT + rise, 0.01 + distance * forward - back], axis=-1
     )
     bow = keyed(now, times, (0.03, 0.65, 0.0, 0.0, 0.1, 0.5, 0.03))
     local = trunk(
