@@ -200,6 +200,7 @@ def test_dropped_frames_repeat_the_last_one_kept(walk):
         np.testing.assert_array_equal(result.motion.translations[t], walk.translations[kept])
     everything = samples.drop_frames(walk, KEY, rate=1.0)
     assert np.asarray(everything.mask)[1:].all()
+    assert not np.asarray(everything.mask)[0].any()
 
 
 @pytest.mark.parametrize("up", ["x", "y", "z"])
