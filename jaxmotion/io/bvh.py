@@ -18,12 +18,13 @@ channels, the missing positions in front of them, with a warning that names the 
 that are not BVH's (a skeleton from another format) become BVH's usual ones. Joints are written
 depth first.
 
-Memory: the file's text and the motion's arrays; both ways work through a few megabytes at a time.
+Memory: the file's text and the motion's arrays; both ways work through it in small blocks.
 """
 
 import codecs
 import re
 import warnings
+from collections import deque
 from os import PathLike
 from pathlib import Path
 
@@ -170,6 +171,12 @@ def _read_frames(path, data: bytes, frames: Frames, hierarchy: Hierarchy, dtype)
     rest = hierarchy.offsets.reshape(-1)[targets]
     slack = _OFFSET_ROUNDING * np.abs(hierarchy.offsets[1:]).max(initial=0.0)
     differs = np.zeros(len(targets), bool)
+    begun = deque()
+
+    def finish() -> None:
+        frames, joints, result = begun.popleft()
+        rotations[frames, joints] = result()
+
     for start, values in parse_rows(path, data, frames, rows, hierarchy):
         if np.abs(values).max() > np.finfo(dtype).max:
             raise _too_large(path, dtype)
@@ -182,7 +189,11 @@ def _read_frames(path, data: bytes, frames: Frames, hierarchy: Hierarchy, dtype)
             angles[..., :used] = values[:, slots]
             if np.abs(angles).max() > 720.0:
                 angles = np.fmod(angles, 720.0)
-            rotations[here, members] = quaternions(np.deg2rad(angles), order, dtype)
+            begun.append((here, members, quaternions(np.deg2rad(angles), order, dtype)))
+        while len(begun) > len(groups):
+            finish()
+    while begun:
+        finish()
     moved = {0, *(targets[differs] // 3).tolist()}
     return translations.reshape(rows.count, joints, 3), rotations, tuple(sorted(moved))
 

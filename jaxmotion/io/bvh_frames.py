@@ -11,13 +11,14 @@ A row may be wrapped over lines, but begins on a line of its own. Nothing is all
 number in the file; only from how many numbers the file holds.
 
 Two passes: the first counts the tokens of every line (byte masks), so that a missing number is
-found where it is missing; the second turns a few megabytes of text at a time into float64. Only
+found where it is missing; the second turns a megabyte of text at a time into float64. Only
 when that fails does a slow search name the token. O(bytes).
 """
 
 import re
 import warnings
 from collections.abc import Iterator
+from io import BytesIO
 from os import PathLike
 from typing import NamedTuple
 
@@ -30,7 +31,7 @@ _FRAMES = re.compile(rb"\s*Frames[ \t]*:?[ \t]*([^\s:]*)", re.IGNORECASE)
 _FRAME_TIME = re.compile(rb"\s*Frame[ \t]*Time[ \t]*:?[ \t]*([^\s:]*)", re.IGNORECASE)
 _UNFINISHED = re.compile(rb"[+-]?\d*\.?\d*([eE][+-]?)?")
 _SCAN_BYTES = 1 << 20
-_PARSE_BYTES = 2 << 20
+_PARSE_BYTES = 1 << 20
 
 
 class Frames(NamedTuple):
@@ -49,13 +50,18 @@ class Frames(NamedTuple):
 class Rows(NamedTuple):
     """Which bytes hold which frames.
 
-    ``line_ends``: position of the end of every line; ``rows``: complete rows up to there, −1 where
-    a row is still going on; ``count``: complete rows.
+    ``ends``: positions of the line ends that complete a row; ``totals``: complete rows up to each;
+    ``one_a_line``: whether every row has a line of its own.
     """
 
-    line_ends: np.ndarray
-    rows: np.ndarray
-    count: int
+    ends: np.ndarray
+    totals: np.ndarray
+    one_a_line: bool
+
+    @property
+    def count(self) -> int:
+        """Complete rows."""
+        return int(self.totals[-1])
 
 
 def parse_header(path: str | PathLike, data: bytes, start: int) -> Frames:
@@ -93,8 +99,8 @@ def find_rows(path: str | PathLike, data: bytes, frames: Frames, hierarchy: Hier
     if unfinished and tokens[-1] % columns == 0:
         tokens[-1] -= 1
     rows, left_over = _group(path, tokens, columns, frames)
-    count = int(rows.max(initial=0))
-    if count == 0:
+    completing = np.flatnonzero(np.diff(rows, prepend=0) * (rows > 0))
+    if completing.size == 0:
         raise MotionFileError(
             path,
             f"no complete frame ({left_over} of {columns} numbers)",
@@ -102,35 +108,45 @@ def find_rows(path: str | PathLike, data: bytes, frames: Frames, hierarchy: Hier
             hint="export the clip again, with at least one frame",
             line=frames.line,
         )
-    _report_repairs(path, count, left_over, columns, frames.declared)
-    return Rows(line_ends, rows, count)
+    found = Rows(
+        line_ends[completing],
+        rows[completing],
+        one_a_line=bool(np.isin(tokens[: completing[-1] + 1], (0, columns)).all()),
+    )
+    _report_repairs(path, found.count, left_over, columns, frames.declared)
+    return found
 
 
 def parse_rows(
     path: str | PathLike, data: bytes, frames: Frames, rows: Rows, hierarchy: Hierarchy
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Second pass: (number of the first row, values f64[n, C]) a few megabytes at a time.
+    """Second pass: (number of the first row, values f64[n, C]) a megabyte of text at a time.
 
     **Raises:** :class:`~jaxmotion.io.MotionFileError` naming the first token that is no finite
     number, its line, frame and channel.
     """
-    ends = np.flatnonzero(np.diff(rows.rows, prepend=0) * (rows.rows >= 0))
-    ends = ends[rows.rows[ends] > 0]
-    positions = rows.line_ends[ends]
     first, start, done = 0, frames.start, 0
     while done < rows.count:
-        last = int(np.searchsorted(positions, start + _PARSE_BYTES))
-        last = min(max(last, first), len(ends) - 1)
-        stop, total = int(positions[last]), int(rows.rows[ends[last]])
-        try:
-            values = np.fromstring(data[start:stop], np.float64, sep=" ")
-        except ValueError:
-            values = np.empty(0)
-        expected = (total - done) * hierarchy.columns
-        if values.size != expected or not np.isfinite(values).all():
+        last = int(np.searchsorted(rows.ends, start + _PARSE_BYTES))
+        last = min(max(last, first), len(rows.ends) - 1)
+        stop, total = int(rows.ends[last]), int(rows.totals[last])
+        values = _numbers(data[start:stop], hierarchy.columns, rows.one_a_line)
+        if values is None or len(values) != total - done or not np.isfinite(values).all():
             raise _bad_token(path, data, (start, stop), done, frames, hierarchy)
-        yield done, values.reshape(-1, hierarchy.columns)
+        yield done, values
         first, start, done = last + 1, stop, total
+
+
+def _numbers(text: bytes, columns: int, one_a_line: bool) -> np.ndarray | None:
+    """The rows as f64[n, C]; ``None`` if something is no number."""
+    if not one_a_line:
+        tokens = text.split()
+        lines = (tokens[i : i + columns] for i in range(0, len(tokens), columns))
+        text = b"\n".join(map(b" ".join, lines))
+    try:
+        return np.loadtxt(BytesIO(text.replace(b"\r", b" ")), comments=None, ndmin=2)
+    except ValueError:
+        return None
 
 
 def _expected(path, data: bytes, start: int, line: int, expected: str) -> MotionFileError:

@@ -2,7 +2,7 @@
 
 :mod:`jaxmotion.quaternion` does the mathematics; this file feeds it arrays of a fixed shape, so
 that one compiled function an Euler order serves clips of any length and skeletons of any size:
-16 384 samples at a time going in, 512 frames × 32 joints going out, padded.
+8192 samples at a time going in, 512 frames × 32 joints going out, padded.
 
 Going out, angles are unwrapped along time by a scan, which starts afresh in every block. Blocks
 therefore share a frame, and the later one is carried over to what the earlier one chose there: the
@@ -10,14 +10,14 @@ other branch of the order, (θ₁ + π, π − θ₂, θ₃ + π) (proper Euler:
 the distances that the scan compares, so the outcome is that of one long scan. O(T·J).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import jax
 import numpy as np
 
 from jaxmotion.quaternion import from_euler, to_euler
 
-_SAMPLES = 16384
+_SAMPLES = 8192
 _FRAMES = 512
 _JOINTS = 32
 
@@ -25,8 +25,11 @@ _from_euler = jax.jit(from_euler, static_argnames="order")
 _to_euler = jax.jit(to_euler, static_argnames=("order", "unwrap"))
 
 
-def quaternions(angles: np.ndarray, order: str, dtype: np.dtype) -> np.ndarray:
-    """Unit quaternions [..., 4] in ``dtype`` of angles f64[..., 3] in radians."""
+def quaternions(angles: np.ndarray, order: str, dtype: np.dtype) -> Callable[[], np.ndarray]:
+    """Unit quaternions [..., 4] in ``dtype`` of angles f64[..., 3] in radians.
+
+    They are computed in the background; the function returned waits for them.
+    """
     flat = angles.reshape(-1, 3)
     results = []
     for start in range(0, len(flat), _SAMPLES):
@@ -34,8 +37,12 @@ def quaternions(angles: np.ndarray, order: str, dtype: np.dtype) -> np.ndarray:
         piece = flat[start : start + _SAMPLES]
         block[: len(piece)] = piece
         results.append(_from_euler(block, order=order))
-    joined = np.concatenate([np.asarray(block) for block in results]) if results else flat[:, :0]
-    return joined[: len(flat)].reshape(*angles.shape[:-1], 4)
+
+    def wait() -> np.ndarray:
+        joined = np.concatenate([np.asarray(block) for block in results])
+        return joined[: len(flat)].reshape(*angles.shape[:-1], 4)
+
+    return wait
 
 
 def frame_blocks(frames: int) -> Iterator[slice]:
@@ -45,27 +52,39 @@ def frame_blocks(frames: int) -> Iterator[slice]:
 
 
 def angle_blocks(rotations: np.ndarray, order: str) -> Iterator[np.ndarray]:
-    """Angles of ``rotations`` [T, J, 4], unwrapped along time: f64[n, J, 3], block after block."""
+    """Angles of ``rotations`` [T, J, 4], unwrapped along time: f64[n, J, 3], block after block.
+
+    While one block is used, the next is computed in the background.
+    """
+    blocks = list(frame_blocks(len(rotations)))
+    proper = order[0] == order[2]
     previous = None
-    for block in frame_blocks(len(rotations)):
-        lead = max(block.start - 1, 0)
-        angles = _block_angles(rotations[lead : block.stop], order)
+    wait = _begin_angles(rotations, blocks[0], order)
+    for following in [*blocks[1:], None]:
+        begun = _begin_angles(rotations, following, order) if following else wait
+        angles, wait = wait(), begun
         if previous is not None:
-            angles = _carried_over(angles, previous, proper=order[0] == order[2])
+            angles = _carried_over(angles, previous, proper)[1:]
         previous = angles[-1]
-        yield angles[block.start - lead :]
+        yield angles
 
 
-def _block_angles(rotations: np.ndarray, order: str) -> np.ndarray:
+def _begin_angles(rotations: np.ndarray, block: slice, order: str) -> Callable[[], np.ndarray]:
+    """Angles of the block and, unless it is the first, of the frame before it."""
+    rotations = rotations[max(block.start - 1, 0) : block.stop]
     frames, joints, _ = rotations.shape
     results = []
     for j in range(0, joints, _JOINTS):
-        block = np.zeros((_FRAMES, _JOINTS, 4), rotations.dtype)
-        block[..., 0] = 1
-        block[:frames, : joints - j] = rotations[:, j : j + _JOINTS]
-        results.append(_to_euler(block, order=order, unwrap=True))
-    joined = np.concatenate([np.asarray(block)[:frames] for block in results], axis=1)
-    return joined[:, :joints].astype(np.float64)
+        padded = np.zeros((_FRAMES, _JOINTS, 4), rotations.dtype)
+        padded[..., 0] = 1
+        padded[:frames, : joints - j] = rotations[:, j : j + _JOINTS]
+        results.append(_to_euler(padded, order=order, unwrap=True))
+
+    def wait() -> np.ndarray:
+        joined = np.concatenate([np.asarray(block)[:frames] for block in results], axis=1)
+        return joined[:, :joints].astype(np.float64)
+
+    return wait
 
 
 def _carried_over(angles: np.ndarray, previous: np.ndarray, proper: bool) -> np.ndarray:
