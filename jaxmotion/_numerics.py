@@ -16,10 +16,15 @@ def series_switch(dtype) -> float:
     return float(jnp.finfo(dtype).eps) ** (1.0 / 3.0)
 
 
-def safe_sqrt(x: Float[Array, "..."]) -> Float[Array, "..."]:
-    """√x for x ≥ 0 with derivative 0, not infinity, at x = 0."""
-    positive = x > 0
+def safe_sqrt(x: Float[Array, "..."], floor: float = 0.0) -> Float[Array, "..."]:
+    """√x for x ≥ 0 with value and derivative 0, not infinity, where x ≤ ``floor``."""
+    positive = x > floor
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+
+
+def rounding_angle(dtype) -> float:
+    """Angle in radians by which rounding alone can turn a product of two unit quaternions."""
+    return 4 * float(jnp.finfo(dtype).eps)
 
 
 def safe_norm(

@@ -13,7 +13,13 @@ Broadcast over leading axes, O(n).
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxmotion._numerics import angle_over_sine, cos_half, safe_norm, sin_half_over
+from jaxmotion._numerics import (
+    angle_over_sine,
+    cos_half,
+    rounding_angle,
+    safe_sqrt,
+    sin_half_over,
+)
 from jaxmotion._types import ArrayLike, Quaternion, Vector3
 from jaxmotion.quaternion.algebra import assemble, between, components
 
@@ -59,10 +65,12 @@ def power(q: Quaternion, t: ArrayLike) -> Quaternion:
 
 
 def distance(a: Quaternion, b: Quaternion) -> Float[Array, "..."]:
-    """Angle of the rotation between a and b, in [0, π]; 0 with gradient 0 where they agree.
+    """Angle of the rotation between a and b, in [0, π]; 0 with gradient 0 where they agree
+    to rounding.
 
     Lee & Shin 2001, Eq. 22, who measure half of it (arc length on S³).
 
     **Arguments:** ``a``, ``b``: (..., 4), unit, broadcast. **Returns:** (...), radians.
     """
-    return safe_norm(log(between(a, b)))
+    v = log(between(a, b))
+    return safe_sqrt(jnp.sum(v * v, -1), rounding_angle(v.dtype) ** 2)

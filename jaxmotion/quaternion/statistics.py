@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxmotion._numerics import safe_norm, safe_sqrt
+from jaxmotion._numerics import rounding_angle, safe_norm, safe_sqrt, series_switch
 from jaxmotion._types import ArrayLike, Quaternion
 from jaxmotion.quaternion.algebra import between, leading_axis, multiply, normalize
 from jaxmotion.quaternion.explog import exp, log
@@ -68,10 +68,12 @@ def std(
     **Arguments:** as :func:`mean`; ``mean``: the centre, computed by ``method`` when absent.
     **Returns:** q's shape without ``axis`` and components, in radians. Wu et al. 2006, §5.
     """
+    q = jnp.asarray(q)
     samples, w = _samples(q, weights, axis)
     centre = _mean(q, weights, axis=axis, method=method) if mean is None else mean
     deviation = log(between(centre, samples))
-    return safe_sqrt(jnp.sum(w * jnp.sum(deviation**2, -1), 0))
+    variance = jnp.sum(w * jnp.sum(deviation**2, -1), 0)
+    return safe_sqrt(variance, rounding_angle(q.dtype) ** 2)
 
 
 _mean = mean  # ``std`` has an argument of that name
@@ -131,19 +133,23 @@ def _karcher(samples: Quaternion, w: Float[Array, "n ..."]) -> Quaternion:
 
 
 def _newton_step(m: Quaternion, samples: Quaternion, w: Float[Array, "n ..."]):
-    """δ that zeroes, to first order, the weighted mean of log(exp(−δ) m⁻¹ q_n)."""
+    """δ that zeroes, to first order, the weighted mean of log(exp(−δ) m⁻¹ q_n).
 
-    def mean_log(delta, samples, w):
-        return jnp.sum(w[..., None] * log(between(multiply(m, exp(delta)), samples)), 0)
-
-    zero = jnp.zeros((*m.shape[:-1], 3), m.dtype)
-    fixed = jax.lax.stop_gradient((samples, w))
-    columns = [
-        jax.jvp(lambda d: mean_log(d, *fixed), (zero,), (zero.at[..., i].set(1.0),))[1]
-        for i in range(3)
-    ]
-    slope = jnp.stack(columns, -1)
-    return jnp.linalg.solve(slope, -mean_log(zero, samples, w)[..., None])[..., 0]
+    With v_n = log(m⁻¹q_n) of length θ_n, δ = H⁻¹ Σ w_n v_n, where
+    H = I − Σ w_n c_n (θ_n² I − v_n v_nᵀ), c = (1 − θ/2·cot θ/2)/θ², is the slope at the mean.
+    """
+    v = log(between(m, samples))
+    fixed = jax.lax.stop_gradient(v)
+    squared = jnp.sum(fixed**2, -1)
+    near = squared < series_switch(v.dtype)
+    safe = jnp.where(near, 1.0, squared)
+    half = 0.5 * jnp.sqrt(safe)
+    c = jnp.where(near, 1 / 12 + squared / 720, (1.0 - half / jnp.tan(half)) / safe)
+    share = jax.lax.stop_gradient(w) * c
+    flat = 1.0 - jnp.sum(share * squared, 0)
+    slope = jnp.einsum("n...,n...i,n...j->...ij", share, fixed, fixed)
+    slope = slope + flat[..., None, None] * jnp.eye(3, dtype=v.dtype)
+    return jnp.linalg.solve(slope, jnp.sum(w[..., None] * v, 0)[..., None])[..., 0]
 
 
 def _recursive(samples: Quaternion, w: Float[Array, "n ..."]) -> Quaternion:

@@ -116,17 +116,15 @@ def test_singular_points_have_finite_derivatives():
 def test_exp_at_zero_is_the_half_identity():
     (jacobian,) = assert_finite_derivatives(qt.exp, np.zeros(3))
     np.testing.assert_allclose(jacobian, np.eye(4)[:, 1:] / 2, atol=1e-15)
-    third = jax.jacfwd(jax.jacrev(jax.jacfwd(qt.exp)))(jnp.zeros(3))
-    np.testing.assert_allclose(third[1, 0, 0, 0], -1 / 8, atol=1e-12)
 
 
-@pytest.mark.parametrize("scale", [1e-3, 0.07, 1.0])
-def test_gradients(scale):
+def test_gradients():
+    """Near the identity, where the series hand over, and far away."""
     rng = np.random.default_rng(2)
-    v = random_vectors(rng, (4,), scale=scale)
+    v = random_vectors(rng, (9,)) * np.repeat([1e-3, 0.07, 1.0], 3)[:, None]
     q = qt.exp(v)
-    b = random_quaternions(rng, (4,))
-    t = jnp.asarray(rng.uniform(-2, 2, 4))
+    b = random_quaternions(rng, (9,))
+    t = jnp.asarray(rng.uniform(-2, 2, 9))
 
     def everything(v, q, b, t):
         return (
