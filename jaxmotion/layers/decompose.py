@@ -27,7 +27,8 @@ from jaxmotion._numerics import safe_norm
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.motion import Motion
-from jaxmotion.smoothing import lgs, smooth_motion, smooth_quaternions
+from jaxmotion.smoothing import MotionTuning, Tuning, lgs, smooth_motion, smooth_quaternions
+from jaxmotion.smoothing.tuning import Criterion, tune_transforms
 
 _RATIO = np.sqrt(2.0)
 _LAM_0, _SIGMA_0 = 1.0, 0.1
@@ -40,7 +41,8 @@ class MotionLayers(eqx.Module):
 
     **Fields:** ``base``: Motion; ``control``, ``residual``: Displacements f[T, J, 3] each;
     ``lam``, ``sigma``: the base's parameters, f[] or f[J] by scope; ``saturated``: bool[] or
-    bool[J], whether the search ended at its upper bound with every ‖v‖ ≤ γ.
+    bool[J], whether the search ended at its upper bound with every ‖v‖ ≤ γ; ``tuning``: the
+    control layer's parameters where they were learned (σ of the rotations in radians), else None.
     """
 
     base: Motion
@@ -49,6 +51,7 @@ class MotionLayers(eqx.Module):
     lam: Float[Array, "..."]
     sigma: Float[Array, "..."]
     saturated: Bool[Array, "..."]
+    tuning: MotionTuning | None
 
 
 def decompose(
@@ -59,6 +62,7 @@ def decompose(
     sigma_c: ScalarLike = 1.0,
     scope: Literal["global", "per_joint"] = "global",
     order: Literal[1, 2] = 2,
+    tune: Criterion | None = None,
     length: ScalarLike | None = None,
 ) -> MotionLayers:
     """Split a motion into base, controllable and residual layers.
@@ -66,9 +70,11 @@ def decompose(
     **Arguments:** ``motion``: T ≥ 1 frames; ``gamma``: bound on ‖v‖ in radians, in (0, π), the
     paper's π/2; ``lam_c``, ``sigma_c``: parameters of the control layer, scalars or f[J], the
     paper's 1; ``scope``: one base for the body, or a rung of its own for every joint (its
-    translation follows); ``order``: of the smoother; ``length``: how many frames count, traced or
-    not, when the rest is padding (any rotations; what comes out there means nothing), so that one
-    compiled function serves clips of many lengths.
+    translation follows); ``order``: of the smoother; ``tune``: learn the control
+    layer's λ and σ instead, per joint and apart for rotations and translations, by this criterion
+    ("evidence", "gcv" or "holdout", see :mod:`jaxmotion.smoothing.tuning`); ``length``: how many
+    frames count, traced or not, when the rest is padding (any rotations; what comes out there means
+    nothing), so that one compiled function serves clips of many lengths.
     **Returns:** :class:`MotionLayers`. Differentiable in the motion, ``lam_c`` and ``sigma_c``.
     **Raises:** ``ValueError`` for an unknown scope or a γ outside (0, π).
     """
@@ -78,7 +84,7 @@ def decompose(
         raise ValueError(f"decompose: gamma={gamma}; expected an angle between 0 and π")
     gamma, lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (gamma, lam_c, sigma_c))
     length = None if length is None else jnp.asarray(length)
-    return _decompose(motion, gamma, lam_c, sigma_c, scope, order, length)
+    return _decompose(motion, gamma, lam_c, sigma_c, scope, order, tune, length)
 
 
 @eqx.filter_jit
@@ -89,6 +95,7 @@ def _decompose(
     sigma_c: Array,
     scope: Literal["global", "per_joint"],
     order: Literal[1, 2],
+    criterion: Criterion | None,
     length: Array | None,
 ) -> MotionLayers:
     weights = None
@@ -100,13 +107,25 @@ def _decompose(
     lam, sigma = _rung_parameters(rung, motion.dtype)
     base = smooth_motion(motion, lam, sigma, order=order, weights=weights)
     whole = minus(motion, base)
+    turning = moving = Tuning(lam_c, sigma_c, jnp.zeros_like(lam_c))
+    tuning = None
+    if criterion is not None:
+        tuning = tune_transforms(
+            whole.rotations,
+            whole.translations,
+            motion.translated_joints,
+            criterion=criterion,
+            weights=weights,
+            order=order,
+        )
+        turning, moving = tuning.rotations, tuning.translations
     control = Displacement(
-        _smoothed(whole.translations, lam_c, sigma_c, order, weights),
-        _smoothed(whole.rotations, lam_c, sigma_c, order, weights),
+        _smoothed(whole.translations, moving, order, weights),
+        _smoothed(whole.rotations, turning, order, weights),
     )
     left = quaternion.between(quaternion.exp(control.rotations), quaternion.exp(whole.rotations))
     residual = Displacement(whole.translations - control.translations, quaternion.log(left))
-    return MotionLayers(base, control, residual, lam, sigma, saturated)
+    return MotionLayers(base, control, residual, lam, sigma, saturated, tuning)
 
 
 def _climb(rotations: Array, weights: Array | None, gamma: Array, scope: str, order: Literal[1, 2]):
@@ -142,7 +161,7 @@ def _rung_parameters(k: Array, dtype) -> tuple[Array, Array]:
 
 
 def _smoothed(
-    x: AnyArray, lam: Array, sigma: Array, order: Literal[1, 2], weights: Array | None
+    x: AnyArray, parameters: Tuning, order: Literal[1, 2], weights: Array | None
 ) -> Array:
-    lam, sigma = (p if p.ndim == 0 else p[:, None] for p in (lam, sigma))
+    lam, sigma = (p if p.ndim == 0 else p[:, None] for p in (parameters.lam, parameters.sigma))
     return lgs(x, lam, sigma, order=order, weights=weights).mean

@@ -53,19 +53,29 @@ def _synthesize(layers: MotionLayers, turning: Array, moving: Array, residual: A
 def denoise(
     motion: Motion,
     *,
-    lam: ScalarLike = 1.0,
-    sigma: ScalarLike = 1.0,
+    tune: bool = True,
+    lam: ScalarLike | None = None,
+    sigma: ScalarLike | None = None,
     strength: ArrayLike = 1.0,
     length: ScalarLike | None = None,
 ) -> Motion:
     """Remove the residual layer.
 
-    **Arguments:** ``lam``, ``sigma``: parameters of the control layer, scalars or f[J] (the
-    paper's 1, 1); ``strength``: the share of the residual that is removed, 1 for all, 0 for none;
-    a scalar, f[J] or f[T, J]; ``length``: as :func:`decompose`.
-    **Returns:** a motion of the same shape. Eom et al. 2019, §5.2 (α = 1).
+    **Arguments:** ``tune``: learn the control layer's parameters from the clip, per joint, by
+    restricted evidence; False takes the paper's λ = σ = 1; ``lam``, ``sigma``: the parameters,
+    scalars or f[J], which then are not learned (one left out is 1); ``strength``: the share of the
+    residual that is removed, 1 for all, 0 for none, a scalar, f[J] or f[T, J]; ``length``: as
+    :func:`decompose`.
+    **Returns:** a motion of the same shape. Eom et al. 2019, §5.2 (α = 1) and §6.2.
     """
-    layers = decompose(motion, lam_c=lam, sigma_c=sigma, length=length)
+    learn = tune and lam is None and sigma is None
+    layers = decompose(
+        motion,
+        lam_c=1.0 if lam is None else lam,
+        sigma_c=1.0 if sigma is None else sigma,
+        tune="evidence" if learn else None,
+        length=length,
+    )
     return synthesize(layers, 1.0, 1.0 - jnp.asarray(strength, motion.dtype))
 
 

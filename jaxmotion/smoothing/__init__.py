@@ -2,5 +2,14 @@
 
 from jaxmotion.smoothing.lgs import Posterior, lgs
 from jaxmotion.smoothing.rotations import smooth_motion, smooth_quaternions
+from jaxmotion.smoothing.tuning import MotionTuning, Tuning, tune
 
-__all__ = ["Posterior", "lgs", "smooth_motion", "smooth_quaternions"]
+__all__ = [
+    "MotionTuning",
+    "Posterior",
+    "Tuning",
+    "lgs",
+    "smooth_motion",
+    "smooth_quaternions",
+    "tune",
+]

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion._types import ArrayLike
+from jaxmotion.linalg.difference_chain import State
 
 
 class Observations(eqx.Module):
@@ -69,6 +70,17 @@ class Observations(eqx.Module):
             return x[self.frame]
         now = x[self.frame]
         return now - _column(self.back, x.ndim - 1) * (now - x[self.frame - 1])
+
+    def leverage(self, covariance: State) -> Array:
+        """``w_i a_i Cov a_i^T`` of every datum, a_i its row of A, from the covariance of (position,
+        velocity) at every frame."""
+        x, cross, v = covariance
+        if self.frame is not None:
+            x, cross, v = (entry[self.frame] for entry in (x, cross, v))
+        if self.back is not None:
+            back = _column(self.back, x.ndim - 1)
+            x = x - 2 * back * cross + back * back * v
+        return x if self.weights is None else self.weights * x
 
 
 def observe(

@@ -86,6 +86,22 @@ class Posterior(eqx.Module):
         return self._per_frame(cov.position[1:] - cov.cross[1:])
 
     @property
+    def fitted(self) -> Array:
+        """``A mean``: what the mean says each datum should have been, ``(Nd, *channels)``."""
+        return self._observations.at_data(self.mean)
+
+    @property
+    def leverage(self) -> Array:
+        """``w_i`` times the posterior variance of ``(A x)_i`` over ``sigma^2``: the diagonal of the
+        hat matrix, ``(Nd, *k)``; its sum is the effective number of parameters. O(Nf + Nd)."""
+        return self._observations.leverage(chain_covariance(chain_factor(self._chain)))
+
+    @property
+    def energy(self) -> Array:
+        """J of the module, the least weighted misfit plus roughness, ``(*channels,)``."""
+        return _scaled_energy(self) / self._sigma**2
+
+    @property
     def log_evidence(self) -> Array:
         """Log density of the data given lam and sigma, one number per channel, ``(*channels,)``."""
         return _log_evidence(self)
@@ -207,8 +223,15 @@ def _log_evidence(posterior: Posterior) -> Array:
         - log_weight
         - jnp.sum(jnp.log(penalty), axis=0)
         + chain_log_det(posterior._chain)
-        + _least_energy((y, seen, penalty), posterior.mean, posterior._order) / variance
+        + _scaled_energy(posterior) / variance
     )
+
+
+def _scaled_energy(posterior: Posterior) -> Array:
+    curvature, speed = posterior._prior
+    penalty = curvature[1:-1] if posterior._order == 2 else speed[1:]
+    terms = (posterior._data, posterior._observations, penalty)
+    return _least_energy(terms, posterior.mean, posterior._order)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(2,))
