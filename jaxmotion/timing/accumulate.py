@@ -2,10 +2,11 @@
 
     C_s(i, j) = weight · D[i, j] + min over arrivals (Δi, Δj, r) of s   of   C_r(i − Δi, j − Δj)
 
-i, j: frames of x and y; s, r: states of the step pattern; k = i + j numbers the anti-diagonals,
-whose cells do not depend on each other. One ``lax.scan`` step handles a whole anti-diagonal:
-K = n + m − 1 steps of O(n S) each. Every path starts from a virtual cell of cost 0, the pattern's
-longest step before (0, 0).
+i, j: frames of x and y; s, r: states of the step pattern. D ``(n, m)`` is taken strip by strip and
+anti-diagonal by anti-diagonal (:mod:`jaxmotion.timing.antidiagonals`), one ``lax.scan`` in another.
+The values of one state on one anti-diagonal are held as h + 1 numbers: first the one that enters
+from the strip above, then the strip's own, so that a step in x is a read one place earlier. Every
+path starts from a virtual cell of cost 0, the pattern's longest step before (0, 0).
 
 Many pairs (``jax.vmap``, nested too) lie along the last, contiguous axis: the *lanes*. Lanes are
 taken in blocks whose working set fits a core's cache, which is what the time depends on. Sharp bit:
@@ -22,6 +23,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array
 
+from jaxmotion.timing.antidiagonals import entering, in_strips, skew, strip_rows
 from jaxmotion.timing.step_patterns import StepPattern
 
 _CACHED_VALUES = 2**17  # numbers a block of lanes may keep in flight: 1 MiB of float64
@@ -29,11 +31,11 @@ _MOST_LANES = 1024
 
 
 class Ends(NamedTuple):
-    """Accumulated values where a path may end, per anti-diagonal k and state s.
+    """Accumulated values where a path may end, by state s.
 
-    ``row_cost[k, s]`` is C_s at (last frame of x, k − last frame of x), ``column_cost[k, s]`` at
-    (k − last frame of y, last frame of y); ``…_cells`` count the cells of those paths. What was not
-    asked for is empty. ``arrivals[k, i]`` says how each state of cell (i, k − i) was entered.
+    ``row_cost[j, s]`` is C_s at (last frame of x, j), ``column_cost[i, s]`` at (i, last frame of
+    y); ``…_cells`` count the cells of those paths. What was not asked for has no states.
+    ``arrivals[strip, k, i]`` packs how each state of the k-th cell of a strip's row i was entered.
     """
 
     row_cost: Array
@@ -47,27 +49,6 @@ def arrival_radix(pattern: StepPattern) -> list[int]:
     """Place values under which the arrivals of all states of a cell are packed into one integer."""
     sizes = [len(ways) for ways in pattern.arrivals]
     return [math.prod(sizes[:s]) for s in range(len(sizes))]
-
-
-def skew(cost: Array) -> Array:
-    """``(n, m, ...)`` to ``(n + m − 1, n, ...)``: row k holds the cells i + j = k; ∞ outside."""
-    n, m, *rest = cost.shape
-    wide = jnp.pad(cost, [(0, 0), (0, n), *([(0, 0)] * len(rest))], constant_values=jnp.inf)
-    shifted = wide.reshape(n * (n + m), *rest)[: n * (n + m - 1)]
-    return jnp.swapaxes(shifted.reshape(n, n + m - 1, *rest), 0, 1)
-
-
-def unskew(diagonals: Array, m: int) -> Array:
-    """Inverse of :func:`skew`: ``(n + m − 1, n)`` to ``(n, m)``."""
-    n = diagonals.shape[1]
-    shifted = jnp.pad(diagonals.T.reshape(-1), (0, n))
-    return shifted.reshape(n, n + m)[:, :m]
-
-
-def shift_in(values: Array, outside: float | Array) -> Array:
-    """Row i of the result is row i − 1; ``outside`` enters at row 0."""
-    fill = jnp.asarray(outside, values.dtype)
-    return lax.pad(values[:-1], fill, [(1, 0, 0)] + [(0, 0, 0)] * (values.ndim - 1))
 
 
 @functools.cache
@@ -85,15 +66,18 @@ def accumulator(pattern: StepPattern, *, ragged: bool, columns: bool, count: boo
     """
 
     def one_block(cost: Array, last_x: Array, last_y: Array) -> Ends:
-        ends = _scan_diagonals(
-            jnp.moveaxis(cost, 0, -1), last_x, last_y, pattern, ragged, columns, count
-        )
-        return Ends(*(jnp.moveaxis(e, -1, 0) for e in ends))
+        last = (last_x, last_y) if ragged else (cost.shape[1] - 1, cost.shape[2] - 1)
+        ends = _scan_strips(jnp.moveaxis(cost, 0, -1), *last, pattern, columns, count)
+        ends = Ends(*(jnp.moveaxis(e, -1, 0) for e in ends))
+        gather = functools.partial(_gather_ends, n=cost.shape[1], m=cost.shape[2])
+        if ragged:
+            return jax.vmap(gather)(ends, *last)
+        return jax.vmap(lambda e: gather(e, *last))(ends)
 
     @custom_vmap
     def accumulate(cost: Array, last_x: Array, last_y: Array) -> Ends:
         pairs, n, _ = cost.shape
-        in_flight = n * len(_history_keys(pattern)) * (2 if count else 1)
+        in_flight = strip_rows(n) * len(_history_keys(pattern)) * (2 if count else 1)
         most = min(max(_CACHED_VALUES // in_flight, 8), _MOST_LANES)
         blocks = -(-pairs // most)
         if blocks <= 1:
@@ -104,9 +88,8 @@ def accumulator(pattern: StepPattern, *, ragged: bool, columns: bool, count: boo
             fill = [(0, blocks * lanes - pairs)] + [(0, 0)] * (a.ndim - 1)
             return jnp.pad(a, fill).reshape(blocks, lanes, *a.shape[1:])
 
-        ends = lax.map(
-            lambda args: one_block(*args), jax.tree.map(in_blocks, (cost, last_x, last_y))
-        )
+        args = jax.tree.map(in_blocks, (cost, last_x, last_y))
+        ends = lax.map(lambda args: one_block(*args), args)
         return jax.tree.map(lambda e: e.reshape(blocks * lanes, *e.shape[2:])[:pairs], ends)
 
     @accumulate.def_vmap
@@ -123,48 +106,85 @@ def accumulator(pattern: StepPattern, *, ragged: bool, columns: bool, count: boo
     return accumulate
 
 
-def _history_keys(pattern: StepPattern) -> list[tuple[int, int, int]]:
-    """(Δi, k back, state) of the anti-diagonals a step reads, and those that will become them."""
-    keys = set()
-    for ways in pattern.arrivals:
-        for di, dj, state in ways:
-            keys |= {(di, back, state) for back in range(1, di + dj + 1)}
-    return sorted(keys)
+def _history_keys(pattern: StepPattern) -> list[tuple[int, int]]:
+    """(k back, state) of the anti-diagonals a step reads, and those that will become them."""
+    reach = {}
+    for way in (way for ways in pattern.arrivals for way in ways):
+        reach[way.state] = max(reach.get(way.state, 0), way.di + way.dj)
+    return [(back, s) for s in sorted(reach) for back in range(1, reach[s] + 1)]
 
 
-def _scan_diagonals(cost, last_x, last_y, pattern, ragged, columns, count) -> Ends:
-    """Values along the lanes of one block: cost ``(n, m, lanes)``."""
-    n, m, lanes = cost.shape
+def _scan_strips(cost, last_x, last_y, pattern, columns, count) -> Ends:
+    """Ends of one block of lanes, ``(n, m, lanes)``, as they come: by strip and anti-diagonal."""
+    strips = in_strips(cost)
+    num_strips, h, m, lanes = strips.shape
     keys = _history_keys(pattern)
-    unreached = jnp.full((n, lanes), jnp.inf, cost.dtype)
-    start = unreached.at[0].set(0)
-    no_cells = jnp.zeros((n, lanes), cost.dtype)
-    costs = {key: start if key == (1, pattern.depth, 0) else unreached for key in keys}
-    cells = {key: no_cells for key in keys} if count else {}
+    states = range(len(pattern.arrivals))
 
-    def diagonal(carry, row):
-        costs, cells = carry
-        k, d = row
-        new_costs, new_cells, code = _enter_cells(pattern, d, costs, cells)
-        last = last_x if ragged else n - 1
-        column_costs, column_cells = [], []
-        i = k - last_y
-        if columns:
-            inside = jnp.clip(i, 0, n - 1)
-            outside = (i < 0) | (i >= n)
-            column_costs = [jnp.where(outside, jnp.inf, _take_row(v, inside)) for v in new_costs]
-            column_cells = [_take_row(v, inside) for v in new_cells]
-        out = Ends(
-            _stack([_take_row(v, last) for v in new_costs], lanes),
-            _stack([_take_row(v, last) for v in new_cells], lanes),
-            _stack(column_costs, lanes),
-            _stack(column_cells, lanes),
-            code,
+    def histories(row_above, outside):
+        """Before a strip's first step only what enters above its first cell is known."""
+        blank = jnp.full((h + 1, lanes), outside, cost.dtype)
+        return {(b, s): blank.at[0].set(row_above[s][0]) if b == 1 else blank for b, s in keys}
+
+    def one_strip(rows_above, strip):
+        number, d = strip
+        costs = histories(rows_above[0], jnp.inf)
+        start = jnp.where(number == 0, 0, jnp.inf).astype(cost.dtype)
+        costs[pattern.depth, 0] = costs[pattern.depth, 0].at[0].set(start)
+        cells = histories(rows_above[1], 0) if count else {}
+
+        def diagonal(carry, row):
+            costs, cells = carry
+            k, d, enter_costs, enter_cells = row
+            new_costs, new_cells, code = _enter_cells(pattern, d, costs, cells)
+            at = jnp.clip(k - last_y, 0, h - 1)
+            ends = Ends(
+                _take_row(new_costs, last_x % h, lanes),
+                _take_row(new_cells, last_x % h, lanes),
+                _take_row(new_costs if columns else [], at, lanes),
+                _take_row(new_cells if columns else [], at, lanes),
+                code,
+            )
+            carry = (
+                _advance(keys, costs, new_costs, enter_costs),
+                _advance(keys, cells, new_cells, enter_cells),
+            )
+            bottom = ([v[-1] for v in new_costs], [v[-1] for v in new_cells])
+            return carry, (bottom, ends)
+
+        above = (
+            [entering(row, h, jnp.inf) for row in rows_above[0]],
+            [entering(row, h, 0.0) for row in rows_above[1]],
         )
-        return (_advance(keys, costs, new_costs, jnp.inf), _advance(keys, cells, new_cells, 0)), out
+        k = jnp.arange(m + h - 1, dtype=jnp.int32)
+        bottom, ends = lax.scan(diagonal, (costs, cells), (k, skew(d), *above))[1]
+        return jax.tree.map(lambda row: row[h - 1 :], bottom), ends
 
-    diagonals = (jnp.arange(n + m - 1, dtype=last_y.dtype), skew(cost))
-    return lax.scan(diagonal, (costs, cells), diagonals)[1]
+    unreached = [jnp.full((m, lanes), jnp.inf, cost.dtype) for _ in states]
+    no_cells = [jnp.zeros((m, lanes), cost.dtype) for _ in states] if count else []
+    numbered = (jnp.arange(num_strips, dtype=jnp.int32), strips)
+    return lax.scan(one_strip, (unreached, no_cells), numbered)[1]
+
+
+def _gather_ends(ends: Ends, last_x, last_y, *, n: int, m: int) -> Ends:
+    """From values by strip and anti-diagonal to values by frame, of one pair."""
+    h = strip_rows(n)
+
+    def along_row(values):
+        in_strip = lax.dynamic_index_in_dim(values, last_x // h, keepdims=False)
+        return lax.dynamic_slice_in_dim(in_strip, last_x % h, m)
+
+    def along_column(values):
+        by_row = lax.dynamic_slice_in_dim(values, last_y, h, axis=1)
+        return by_row.reshape(by_row.shape[0] * h, values.shape[-1])[:n]
+
+    return Ends(
+        along_row(ends.row_cost),
+        along_row(ends.row_cells),
+        along_column(ends.column_cost),
+        along_column(ends.column_cells),
+        ends.arrivals,
+    )
 
 
 def _enter_cells(pattern, d, costs, cells):
@@ -175,10 +195,11 @@ def _enter_cells(pattern, d, costs, cells):
     for radix, ways in zip(arrival_radix(pattern), pattern.arrivals, strict=True):
         values, lengths = [], []
         for way in ways:
-            key = (way.di, way.di + way.dj, way.state)
+            key = (way.di + way.dj, way.state)
+            source = slice(None, -1) if way.di else slice(1, None)
             extra = pattern.weight(way.di, way.dj) - 1
-            values.append(costs[key] + extra * d if extra else costs[key])
-            lengths.append(cells.get(key))
+            values.append(costs[key][source] + extra * d if extra else costs[key][source])
+            lengths.append(cells[key][source] if cells else None)
         best, length, choice = values[0], lengths[0], jnp.zeros(d.shape, dtype)
         for number in range(1, len(ways)):
             better = values[number] < best
@@ -193,23 +214,18 @@ def _enter_cells(pattern, d, costs, cells):
     return new_costs, new_cells, code
 
 
-def _advance(keys, old, new, outside):
-    """The next step's history: new values come in, shifted by a row where a step moves in x."""
+def _advance(keys, old, new, enter):
+    """The next step's history; new values get what enters above them as row 0."""
     if not new:
         return {}
-    shifted = [shift_in(v, outside) for v in new]
-    return {
-        (di, back, s): old[(di, back - 1, s)] if back > 1 else (shifted if di else new)[s]
-        for di, back, s in keys
-    }
+    latest = [jnp.concatenate([e[None], v]) for e, v in zip(enter, new, strict=True)]
+    return {(back, s): old[back - 1, s] if back > 1 else latest[s] for back, s in keys}
 
 
-def _take_row(values, at):
-    """values[at] for one row number, or for one row number per lane."""
-    if isinstance(at, int):
-        return values[at]
-    return jnp.take_along_axis(values, at[None, :], axis=0)[0]
-
-
-def _stack(values: list[Array], lanes: int) -> Array:
-    return jnp.stack(values) if values else jnp.zeros((0, lanes), jnp.uint8)
+def _take_row(states: list[Array], at, lanes: int) -> Array:
+    """Every state's value at one row, or at one row per lane: ``(states, lanes)``."""
+    if not states:
+        return jnp.zeros((0, lanes), jnp.uint8)
+    if jnp.ndim(at) == 0:
+        return jnp.stack([values[at] for values in states])
+    return jnp.stack([jnp.take_along_axis(v, at[None, :], axis=0)[0] for v in states])

@@ -136,74 +136,56 @@ def _band(n, m, last_x, last_y, radius) -> Array:
 
 def _choose_end(ends, last_x, last_y, open_end, min_matched, normalize):
     """Sum of the chosen path, what to divide it by, and its last cell (i, j, state)."""
-    k = jnp.arange(ends.row_cost.shape[0], dtype=last_x.dtype)
-    frames = last_x + last_y + 2
-    if not open_end:
-        values = ends.row_cost[frames - 2]
-        state = jnp.argmin(values).astype(last_x.dtype)
-        total = values[state]
-        size = {"sum": 1, "frames": frames}.get(normalize)
-        size = ends.row_cells[frames - 2, state] if size is None else size
-        return total, _divisor(size, total), (last_x, last_y, state)
-
     sides = [(ends.row_cost, ends.row_cells, last_x, last_y)]
     if open_end == "either":
         sides.append((ends.column_cost, ends.column_cells, last_y, last_x))
-    totals, sizes, states, allowed = [], [], [], []
+    totals, sizes, states, fits = [], [], [], []
     for values, cells, used_up, open_last in sides:
-        best = jnp.argmin(values, axis=1)
-        totals.append(jnp.take_along_axis(values, best[:, None], axis=1)[:, 0])
-        states.append(best.astype(last_x.dtype))
-        matched = k - used_up + 1
-        allowed.append((matched >= min_matched) & (matched <= open_last + 1))
+        frame = jnp.arange(values.shape[0], dtype=last_x.dtype)
+        state = lax.argmin(values, axis=1, index_dtype=last_x.dtype)
+        totals.append(jnp.take_along_axis(values, state[:, None], axis=1)[:, 0])
+        states.append(state)
+        fits.append(
+            (frame + 1 >= min_matched) & (frame <= open_last) if open_end else frame == open_last
+        )
         if normalize == "mean":
-            sizes.append(jnp.take_along_axis(cells, best[:, None], axis=1)[:, 0])
+            sizes.append(jnp.take_along_axis(cells, state[:, None], axis=1)[:, 0])
         else:
-            sizes.append(jnp.ones_like(k) if normalize == "sum" else k + 2)
-    total, state, ok = map(jnp.concatenate, (totals, states, allowed))
-    size = _divisor(jnp.concatenate(sizes), total)
-    chosen = jnp.argmin(jnp.where(ok, total / size, jnp.inf))
-    total = jnp.where(ok[chosen], total[chosen], jnp.inf)
-    k_end = jnp.concatenate([k] * len(sides))[chosen]
-    on_row = chosen < k.shape[0]
-    i = jnp.where(on_row, last_x, k_end - last_y)
-    return total, size[chosen], (i, k_end - i, state[chosen])
-
-
-def _divisor(size, total) -> Array:
-    return jnp.maximum(jnp.asarray(size).astype(total.dtype), 1)
+            sizes.append(jnp.ones_like(frame) if normalize == "sum" else used_up + frame + 2)
+    total, state, fit = map(jnp.concatenate, (totals, states, fits))
+    size = jnp.maximum(jnp.concatenate(sizes).astype(total.dtype), 1)
+    chosen = lax.argmin(jnp.where(fit, total / size, jnp.inf), 0, index_dtype=last_x.dtype)
+    total = jnp.where(fit[chosen], total[chosen], jnp.inf)
+    frames_y = ends.row_cost.shape[0]
+    on_row = chosen < frames_y
+    i, j = jnp.where(on_row, last_x, chosen - frames_y), jnp.where(on_row, chosen, last_y)
+    return total, size[chosen], (i, j, state[chosen])
 
 
 def _backtrack(pattern: StepPattern, arrivals, end, most_cells):
-    """Follow the packed arrivals from the end to the virtual cell before (0, 0).
-
-    A cell is one number, (i + j) n + i, negative before (0, 0): a step is then one subtraction, and
-    the loop small enough to be compiled into a single kernel.
-    """
-    n = arrivals.shape[1]
+    """Follow the packed arrivals ``(strips, k, h)`` from the end to before (0, 0)."""
+    _, diagonals, h = arrivals.shape
     most = max(len(ways) for ways in pattern.arrivals)
-    filled = [[*ways, *[ways[0]] * (most - len(ways))] for ways in pattern.arrivals]
-    drops = jnp.asarray([(w.di + w.dj) * n + w.di for ways in filled for w in ways], jnp.int32)
-    befores = jnp.asarray([w.state for ways in filled for w in ways], jnp.int32)
+    filled = [way for ways in pattern.arrivals for way in (*ways, *[ways[0]] * (most - len(ways)))]
+    di, dj, befores = (jnp.asarray(column, jnp.int32) for column in zip(*filled, strict=True))
     radix = jnp.asarray(arrival_radix(pattern), jnp.int32)
     choices = jnp.asarray([len(ways) for ways in pattern.arrivals], jnp.int32)
     packed = arrivals.reshape(-1)
 
-    def step(carry, _):
-        cell, state = carry
-        code = packed[jnp.maximum(cell, 0)].astype(jnp.int32)
+    def step(cell, _):
+        i, j, state = cell
+        on_path = (i >= 0) & (j >= 0)
+        strip, row = i // h, i % h
+        place = (strip * diagonals + row + j) * h + row
+        code = packed[jnp.where(on_path, place, 0)].astype(jnp.int32)
         way = state * most + code // radix[state] % choices[state]
-        on_path = cell >= 0
-        before = jnp.where(on_path, befores[way], state)
-        return (jnp.where(on_path, cell - drops[way], cell), before), jnp.maximum(cell, -1)
+        moved = (i - di[way], j - dj[way], befores[way])
+        return tuple(jnp.where(on_path, a, b) for a, b in zip(moved, cell, strict=True)), (i, j)
 
-    i, j, state = end
-    backward = lax.scan(step, ((i + j) * n + i, state), length=most_cells)[1]
-    length = jnp.sum(backward >= 0, dtype=jnp.int32)
+    i, j = lax.scan(step, end, length=most_cells)[1]
+    length = jnp.sum((i >= 0) & (j >= 0), dtype=jnp.int32)
     order = jnp.arange(most_cells, dtype=jnp.int32)
-    cells = backward[jnp.maximum(length - 1 - order, 0)]
-    i = cells % n
-    path = jnp.stack([i, cells // n - i], axis=-1)
+    path = jnp.stack([i, j], axis=-1)[jnp.maximum(length - 1 - order, 0)]
     steps = jnp.diff(path, axis=0, prepend=jnp.full((1, 2), -1, jnp.int32))
     weights = jnp.sum(steps, axis=-1) if pattern.weighted else jnp.ones_like(order)
     return path, jnp.where(order < length, weights, 0), length

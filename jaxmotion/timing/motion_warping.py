@@ -35,7 +35,6 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxmotion import quaternion
 from jaxmotion._types import AnyArray
 from jaxmotion.linalg.block_banded import block_banded_solve
-from jaxmotion.timing.accumulate import shift_in
 from jaxmotion.timing.frame_distance import frame_distance
 
 
@@ -232,10 +231,10 @@ def _best_runs(d: Float[Array, "source reference"], m: int) -> Int[Array, " sour
         i, row = row
         row = jnp.repeat(row, m)
         before = jnp.where(i == 0, 0, jnp.inf).astype(d.dtype)
-        run = shift_in(ended, before) + row
+        run = _shift_in(ended, before) + row
         best, length = run, jnp.ones(refined, jnp.int32)
         for c in range(2, m * m + 1):
-            run = shift_in(run, jnp.inf) + row
+            run = _shift_in(run, jnp.inf) + row
             length = jnp.where(run < best, c, length)
             best = jnp.minimum(best, run)
         return best, length
@@ -248,6 +247,11 @@ def _best_runs(d: Float[Array, "source reference"], m: int) -> Int[Array, " sour
     _, lengths = lax.scan(one_frame, start, (frames, d))
     last = jnp.asarray(refined - 1, jnp.int32)
     return lax.scan(one_run, last, lengths, reverse=True)[1]
+
+
+def _shift_in(values, outside):
+    """Entry j of the result is entry j − 1; ``outside`` enters at the start."""
+    return lax.pad(values[:-1], jnp.asarray(outside, values.dtype), [(1, 0, 0)])
 
 
 def _fit(s, r, runs, m, smoothness):

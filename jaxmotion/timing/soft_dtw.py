@@ -18,6 +18,8 @@ before exponentiating. The value's derivative is E itself, in both modes; E is m
 operations, so it can be differentiated again. Beyond ``x_length``, ``y_length`` it is zero.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +28,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from jaxmotion._types import ArrayLike
-from jaxmotion.timing.accumulate import shift_in, skew, unskew
+from jaxmotion.timing.antidiagonals import entering, in_strips, skew, unskew
 from jaxmotion.timing.frame_distance import Metric, local_cost
 
 
@@ -108,51 +110,79 @@ def _soft_value_jvp(primals, tangents):
 
 def _value_and_alignment(d, gamma, last_x, last_y):
     value, chances = _sweep_forward(d / gamma, last_x, last_y)
-    return gamma * value, _sweep_back(chances, last_x, last_y, d.shape[1])
+    visits = _sweep_back(chances, last_x, last_y, d.shape[1])
+    return gamma * value, visits[: d.shape[0]]
 
 
 def _sweep_forward(d, last_x, last_y):
-    """R at the last cell for γ = 1, and each cell's softmin probabilities by anti-diagonal.
+    """R at the last cell for γ = 1, and each cell's softmin weights by strip and anti-diagonal.
 
-    The probabilities ``(n + m − 1, n)`` are those of having come along (1, 1), (1, 0) and (0, 1).
+    The weights ``(strips, m + h − 1, h)`` are the chances of having come by (1, 1), (1, 0), (0, 1).
     """
-    n = d.shape[0]
-    unreached = jnp.full(n, jnp.inf, d.dtype)
+    m = d.shape[1]
+    strips = in_strips(d)
+    h = strips.shape[1]
+    blank = jnp.full(h + 1, jnp.inf, d.dtype)
 
-    def diagonal(carry, row):
-        left, above, corner = carry
-        least = lax.stop_gradient(jnp.minimum(jnp.minimum(left, above), corner))
-        reached = least < jnp.inf
-        least = jnp.where(reached, least, 0)
-        weights = [jnp.exp(least - r) for r in (corner, above, left)]
-        total = jnp.where(reached, weights[0] + weights[1] + weights[2], 1)
-        r = jnp.where(reached, least - jnp.log(total), jnp.inf) + row
-        return (r, shift_in(r, jnp.inf), above), (r[last_x], [w / total for w in weights])
+    def one_strip(row_above, strip):
+        number, d = strip
+        start = jnp.where(number == 0, 0, jnp.inf).astype(d.dtype)
 
-    start = (unreached, unreached, unreached.at[0].set(0))
-    values, chances = lax.scan(diagonal, start, skew(d))[1]
-    return values[last_x + last_y], chances
+        def diagonal(carry, row):
+            before, two_before = carry
+            d, enters = row
+            came_from = (two_before[:-1], before[:-1], before[1:])
+            least = lax.stop_gradient(functools.reduce(jnp.minimum, came_from))
+            reached = least < jnp.inf
+            least = jnp.where(reached, least, 0)
+            weights = [jnp.exp(least - r) for r in came_from]
+            total = jnp.where(reached, weights[0] + weights[1] + weights[2], 1)
+            r = jnp.where(reached, least - jnp.log(total), jnp.inf) + d
+            out = (r[-1], r[last_x % h], [w / total for w in weights])
+            return (jnp.concatenate([enters[None], r]), before), out
+
+        carry = (blank.at[0].set(row_above[0]), blank.at[0].set(start))
+        rows = (skew(d), entering(row_above, h, jnp.inf))
+        bottom, values, chances = lax.scan(diagonal, carry, rows)[1]
+        return bottom[h - 1 :], (values, chances)
+
+    numbered = (jnp.arange(strips.shape[0], dtype=last_x.dtype), strips)
+    nothing_above = jnp.full(m, jnp.inf, d.dtype)
+    values, chances = lax.scan(one_strip, nothing_above, numbered)[1]
+    return values[last_x // h, last_x % h + last_y], chances
 
 
 def _sweep_back(chances, last_x, last_y, m):
-    """Probability that a path from the last cell back to the first visits each cell ``(n, m)``."""
-    diagonals, n = chances[0].shape
-    k = jnp.arange(diagonals, dtype=last_x.dtype)
-    i = jnp.arange(n, dtype=last_x.dtype)
+    """Chance that a path from the last cell to the first visits each cell ``(strips h, m)``."""
+    num_strips, diagonals, h = chances[0].shape
+    i = jnp.arange(h, dtype=last_x.dtype)
+    none = jnp.zeros(h, chances[0].dtype)
 
-    def diagonal(carry, row):
-        arriving, arriving_next = carry
-        k, (by_corner, by_above, by_left) = row
-        at_end = (k == last_x + last_y) & (i == last_x)
-        visits = arriving + at_end.astype(arriving.dtype)
-        one_back = visits * by_left + _shift_out(visits * by_above)
-        return (arriving_next + one_back, _shift_out(visits * by_corner)), visits
+    def one_strip(row_below, strip):
+        """``row_below (m,)`` is what the strip below sends up to this one's last row."""
+        number, chances = strip
 
-    none = jnp.zeros_like(chances[0][0])
-    visits = lax.scan(diagonal, (none, none), (k, chances), reverse=True)[1]
-    return unskew(visits, m)
+        def diagonal(carry, row):
+            arriving, arriving_next = carry
+            k, from_below, (by_corner, by_above, by_left) = row
+            at_end = (number * h + i == last_x) & (k == last_x % h + last_y)
+            visits = (arriving + at_end.astype(arriving.dtype)).at[-1].add(from_below)
+            up, corner = visits * by_above, visits * by_corner
+            one_back = visits * by_left + _shift_out(up)
+            return (arriving_next + one_back, _shift_out(corner)), (visits, up[0], corner[0])
+
+        k = jnp.arange(diagonals, dtype=last_x.dtype)
+        rows = (k, jnp.pad(row_below, (h - 1, 0)), chances)
+        visits, up, corner = lax.scan(diagonal, (none, none), rows, reverse=True)[1]
+        sent_up = up[:m] + jnp.pad(corner, (0, 1))[1 : m + 1]
+        return sent_up, unskew(visits, m)
+
+    numbered = (jnp.arange(num_strips, dtype=last_x.dtype), chances)
+    nothing_below = jnp.zeros(m, none.dtype)
+    visits = lax.scan(one_strip, nothing_below, numbered, reverse=True)[1]
+    return visits.reshape(num_strips * h, m)
 
 
 def _shift_out(values: Array) -> Array:
-    """Row i of the result is row i + 1; zero enters at the end."""
+    """Entry i of the result is entry i + 1; zero enters at the end."""
     return lax.pad(values[1:], jnp.zeros((), values.dtype), [(0, 1, 0)])

@@ -152,6 +152,32 @@ def test_slope3_equals_the_seven_state_recursion_of_the_appendix():
         assert_follows(path_of(found, row), "slope3", cost, best[end])
 
 
+@pytest.mark.parametrize("open_end", [False, "either"])
+def test_long_clips_go_through_in_strips(open_end):
+    """201 rows are two strips with a row to spare; alone, padded, and as one of several lanes."""
+    cost = np.random.default_rng(20).random((201, 60))
+    value, cells = seven_states(cost)
+    best = value.min(axis=-1)
+    mean = best / np.take_along_axis(cells, value.argmin(axis=-1)[..., None], axis=-1)[..., 0]
+    ends = np.full_like(mean, np.inf)
+    ends[200, 59] = mean[200, 59]
+    if open_end:
+        ends[200], ends[:, 59] = mean[200], mean[:, 59]
+    end = np.unravel_index(np.argmin(ends), ends.shape)
+    align = partial(dtw, step_pattern="slope3", open_end=open_end, normalize="mean")
+    alone = jax.jit(lambda d: align(cost=d))(cost)
+    more = jax.jit(jax.vmap(lambda d, n, m: align(cost=d, x_length=n, y_length=m), (None, 0, 0)))(
+        np.pad(cost, [(0, 7), (0, 5)]), np.array([150, 201, 20]), np.array([60, 60, 59])
+    )
+    for warp, row in ((alone, None), (more, 1)):
+        np.testing.assert_allclose(np.asarray(warp.cost).reshape(-1)[row or 0], ends[end])
+        assert path_of(warp, row)[-1] == end
+        assert_follows(path_of(warp, row), "slope3", cost, best[end])
+    if not open_end:
+        np.testing.assert_allclose(more.cost[0], mean[149, 59], rtol=1e-12)
+        np.testing.assert_allclose(more.cost[2], mean[19, 58], rtol=1e-12)
+
+
 def seven_states(cost, longest=3):
     n, m = cost.shape
     value = np.full((n, m, 1 + 2 * longest), np.inf)

@@ -128,6 +128,36 @@ def test_second_derivatives_equal_differences():
     check_grads(run, (cost,), 1, ("fwd", "rev"), eps=1e-6)
 
 
+def plain_soft(cost, gamma):
+    """Both recursions by loops over cells (Cuturi & Blondel 2017, algorithms 1 and 2)."""
+    n, m = cost.shape
+    r = np.full((n + 2, m + 2), np.inf)
+    r[0, 0] = 0
+    for i, j in np.ndindex(n, m):
+        before = np.array([r[i, j], r[i, j + 1], r[i + 1, j]])
+        r[i + 1, j + 1] = cost[i, j] - gamma * logsumexp(-before / gamma)
+    value = r[n, m]
+    d = np.pad(cost, 1)
+    r[n + 1, :] = r[:, m + 1] = -np.inf
+    r[n + 1, m + 1] = value
+    e = np.zeros((n + 2, m + 2))
+    e[n + 1, m + 1] = 1
+    for i in range(n, 0, -1):
+        for j in range(m, 0, -1):
+            for a, b in ((i + 1, j + 1), (i + 1, j), (i, j + 1)):
+                e[i, j] += e[a, b] * np.exp((r[a, b] - r[i, j] - d[a, b]) / gamma)
+    return value, e[1:-1, 1:-1]
+
+
+def test_long_clips_go_through_in_strips():
+    """201 rows are two strips with a row to spare."""
+    cost = np.random.default_rng(11).random((201, 30))
+    value, expected = plain_soft(cost, 0.2)
+    got_value, got_expected = value_and_alignment(cost, 0.2)
+    np.testing.assert_allclose(got_value, value, rtol=1e-12)
+    np.testing.assert_allclose(got_expected, expected, rtol=1e-8, atol=1e-12)
+
+
 def test_gradient_where_clips_agree():
     x = np.random.default_rng(8).standard_normal((6, 3))
     for metric in ("sqeuclidean", "euclidean"):
