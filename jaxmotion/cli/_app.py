@@ -1,0 +1,94 @@
+"""The table of commands, loaded one by one as needed, and how every run ends."""
+
+import importlib
+import os
+import pkgutil
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from jaxmotion import __version__, cli
+
+
+class CommandTable(click.Group):
+    """A group whose commands are the modules of :mod:`jaxmotion.cli`."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of the command modules, in alphabetical order."""
+        return sorted(m.name for m in pkgutil.iter_modules(cli.__path__) if m.name[0] != "_")
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the module called ``cmd_name`` and return its command."""
+        if cmd_name not in self.list_commands(ctx):
+            return None
+        return importlib.import_module(f"{cli.__name__}.{cmd_name}").command
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; trouble it did not foresee ends in one line, not in a traceback."""
+        try:
+            return super().invoke(ctx)
+        except (click.ClickException, click.Abort, click.exceptions.Exit, BrokenPipeError):
+            raise
+        except Exception as error:
+            debug = bool(ctx.meta.get("jaxmotion.debug"))
+            if debug:
+                traceback.print_exc()
+            raise click.ClickException(described(error, debug=debug)) from None
+
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        **extra: Any,
+    ) -> Any:
+        """Run and leave with one of the module's exit codes."""
+        if not standalone_mode:
+            return super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
+        try:
+            code = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
+            sys.stdout.flush()
+        except click.ClickException as error:
+            error.show()
+            code = error.exit_code
+        except (click.Abort, KeyboardInterrupt):
+            click.echo("Interrupted.", err=True)
+            code = 130
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            code = 1
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def described(error: BaseException, *, debug: bool = False) -> str:
+    """One line on what went wrong, fit for someone who did not write the program."""
+    from jaxmotion.io import MotionFileError
+
+    if isinstance(error, MotionFileError):
+        return str(error)
+    if isinstance(error, OSError) and error.strerror:
+        where = f"{click.format_filename(error.filename)}: " if error.filename else ""
+        return f"{where}{error.strerror}"
+    if isinstance(error, MemoryError):
+        return "not enough memory for this file"
+    text = " ".join(str(error).split()) or "no message"
+    if not isinstance(error, (ValueError, OSError)):
+        text = f"unexpected {type(error).__name__}: {text}"
+    return text if debug else f"{text} (--debug shows where)"
+
+
+@click.group(
+    cls=CommandTable,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(__version__, prog_name="jaxmotion")
+def app() -> None:
+    """Clean, edit and convert motion captures: BVH, ASF/AMC, AMASS and npz.
+
+    FILES are files, folders (searched through) or patterns such as 'takes/*.bvh'. Edited files go
+    to -o, never over their originals.
+    """

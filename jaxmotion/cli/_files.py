@@ -1,0 +1,149 @@
+"""Which files go in, and where each one's output goes.
+
+A folder is searched through for motion files, hidden files and the output folder apart, and the
+output mirrors its tree. A pattern is taken relative to its part without wildcards. One input may
+be given a file name for its output; otherwise the output is a folder.
+"""
+
+import glob
+import zipfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+SUFFIXES = (".bvh", ".amc", ".npz")
+
+
+@dataclass(frozen=True)
+class Input:
+    """A file to read, and its place below an output folder."""
+
+    path: Path
+    relative: Path
+    named: bool  # given by its own name, not found in a folder
+
+
+@dataclass(frozen=True)
+class Job:
+    """A file to read and a file (or folder) to write."""
+
+    source: Path
+    target: Path
+
+
+def expand(given: Sequence[str], *, avoid: Path | None = None) -> list[Input]:
+    """The motion files meant by names of files, folders and patterns, each once, in order.
+
+    **Arguments:** ``avoid``: a folder whose contents are not taken from folders and patterns.
+    **Raises:** ``click.UsageError`` for a name that is nothing, or a folder or pattern without a
+    motion file.
+    """
+    folders = [name for name in given if Path(name).is_dir()]
+    found: dict[Path, Input] = {}
+    for name in given:
+        path = Path(name)
+        if path.is_file():
+            group = [Input(path, Path(path.name), True)]
+        elif path.is_dir():
+            below = Path(path.resolve().name) if len(folders) > 1 else Path()
+            group = list(_inside(path, path.rglob("*"), below, avoid))
+        elif glob.has_magic(name):
+            matches = (Path(p) for p in glob.iglob(name, recursive=True))
+            group = list(_inside(_fixed_part(path), matches, Path(), avoid))
+        else:
+            raise click.UsageError(f"there is no file or folder {click.format_filename(name)!r}")
+        if not group:
+            what = "the folder" if path.is_dir() else "files that match"
+            raise click.UsageError(
+                f"no motion files ({', '.join(SUFFIXES)}) in {what} {click.format_filename(name)!r}"
+            )
+        for item in group:
+            found.setdefault(item.path.resolve(), item)
+    return list(found.values())
+
+
+def plan(inputs: Sequence[Input], out: Path, *, to: str | None = None) -> list[Job]:
+    """One output file for every input.
+
+    **Arguments:** ``out``: a folder, or the file if there is one input; ``to``: suffix of the
+    outputs in a folder, by default each input's own.
+    **Raises:** ``click.UsageError`` when two inputs would get one output, or one its own input.
+    """
+    if out.suffix.lower() in SUFFIXES and not out.is_dir():
+        if len(inputs) != 1:
+            raise click.UsageError(
+                f"-o {click.format_filename(out)} is one file for {len(inputs)} inputs; "
+                "give a folder"
+            )
+        if to is not None and out.suffix.lower() != to:
+            raise click.UsageError(f"--to {to[1:]} and -o {out.name} disagree")
+        return checked([Job(inputs[0].path, out)])
+    return checked([Job(i.path, out / i.relative.with_suffix(to or i.path.suffix)) for i in inputs])
+
+
+def plan_folders(inputs: Sequence[Input], out: Path) -> list[Job]:
+    """One output folder for every input: ``out`` itself for one, else below it by name."""
+    if out.is_file():
+        raise click.UsageError(f"-o {click.format_filename(out)} is a file; give a folder")
+    if len(inputs) == 1 and inputs[0].named:
+        return [Job(inputs[0].path, out)]
+    return checked([Job(i.path, out / i.relative.with_suffix("")) for i in inputs])
+
+
+def checked(jobs: list[Job]) -> list[Job]:
+    """The jobs, if no output is an input and none is written twice; else ``UsageError``."""
+    sources = {job.source.resolve() for job in jobs}
+    targets: dict[Path, Path] = {}
+    for job in jobs:
+        target = job.target.resolve()
+        if target in sources:
+            raise click.UsageError(
+                f"{click.format_filename(job.target)} would be written over an input; "
+                "give another -o"
+            )
+        if target in targets:
+            raise click.UsageError(
+                f"{click.format_filename(targets[target])} and {click.format_filename(job.source)} "
+                f"would both be written to {click.format_filename(job.target)}; "
+                "process them one at a time"
+            )
+        targets[target] = job.source
+    return jobs
+
+
+def _inside(base: Path, paths: Iterable[Path], below: Path, avoid: Path | None) -> Iterable[Input]:
+    away = avoid.resolve() if avoid is not None else None
+    if away is not None and base.resolve() not in away.parents:
+        away = None
+    for path in sorted(paths):
+        relative = path.relative_to(base)
+        hidden = any(part.startswith(".") for part in relative.parts)
+        if hidden or path.suffix.lower() not in SUFFIXES or not path.is_file():
+            continue
+        if away is not None and away in path.resolve().parents:
+            continue
+        if path.suffix.lower() == ".npz" and not _holds_a_motion(path):
+            continue
+        yield Input(path, below / relative, False)
+
+
+def _fixed_part(pattern: Path) -> Path:
+    """The folders of a pattern before its first wildcard."""
+    parts = []
+    for part in pattern.parts[:-1]:
+        if glob.has_magic(part):
+            break
+        parts.append(part)
+    return Path(*parts)
+
+
+def _holds_a_motion(path: Path) -> bool:
+    """Whether an archive looks like a motion, ours or AMASS; folders hold other .npz files too."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = set(archive.namelist())
+    except (OSError, zipfile.BadZipFile):
+        return True
+    return "jaxmotion_motion.npy" in names or {"poses.npy", "trans.npy"} <= names

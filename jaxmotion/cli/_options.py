@@ -1,0 +1,278 @@
+"""Options that commands share, gathered into a few values: what a command takes is one decorator a
+group and one argument a group.
+
+``--preset file.toml`` gives options other defaults: keys at the top serve every command, those in a
+table of a command's name only it; what is typed on the command line wins.
+
+    overwrite = true
+    [denoise]
+    strength = 0.8
+    joints = ["Left*", "Hips"]
+"""
+
+import functools
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from jaxmotion.cli._files import SUFFIXES
+
+
+@dataclass(frozen=True)
+class Running:
+    """How a process runs: ``cache``, ``debug``."""
+
+    cache: bool
+    debug: bool
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Files in, files out: what the options of :func:`batch_options` say."""
+
+    files: tuple[str, ...]
+    out: Path
+    overwrite: bool
+    resume: bool
+    dry_run: bool
+    jobs: int
+    fail_fast: bool
+    report: Path | None
+    fps: float | None
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Where an edit applies and how much of it."""
+
+    strength: float
+    joints: tuple[str, ...]
+    frames: tuple[int | None, int | None]
+    fade: int
+
+    @property
+    def everything(self) -> bool:
+        """Whether the whole edit applies everywhere."""
+        return self.strength == 1.0 and not self.joints and self.frames == (None, None)
+
+
+class FrameRange(click.ParamType):
+    """``120:480``, ``120:`` or ``:480``: frames as in ``motion[120:480]``, from 0, end excluded."""
+
+    name = "FIRST:END"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The pair (first, end), ``None`` where left out."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            first, end = (int(part) if part.strip() else None for part in str(value).split(":"))
+        except ValueError:
+            self.fail(f"{value!r} is not a range of frames such as 120:480", param, ctx)
+        return first, end
+
+
+class Gain(click.ParamType):
+    """``PATTERN=NUMBER``: a gain for the joints whose names match."""
+
+    name = "PATTERN=GAIN"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The pair (pattern, gain)."""
+        if isinstance(value, tuple):
+            return value
+        pattern, _, number = str(value).rpartition("=")
+        try:
+            if not pattern:
+                raise ValueError
+            return pattern, float(number)
+        except ValueError:
+            self.fail(f"{value!r} is not of the form '*Arm*=2.0'", param, ctx)
+
+
+def running_options(function: Callable) -> Callable:
+    """``--preset --no-cache --debug``; the command is given ``running``."""
+
+    @click.option(
+        "--preset",
+        type=click.Path(dir_okay=False, path_type=Path),
+        is_eager=True,
+        expose_value=False,
+        callback=_load_preset,
+        help="TOML file with other defaults for these options.",
+    )
+    @click.option("--no-cache", is_flag=True, help="Do not keep compiled programs on disk.")
+    @click.option(
+        "--debug",
+        is_flag=True,
+        is_eager=True,
+        callback=_note_debug,
+        help="Show where in the program an error happened.",
+    )
+    @functools.wraps(function)
+    def command(*args, no_cache: bool, debug: bool, **values):
+        return function(*args, running=Running(not no_cache, debug), **values)
+
+    return command
+
+
+def files_argument(function: Callable) -> Callable:
+    """FILES: files, folders or patterns, at least one."""
+    return click.argument("files", nargs=-1, required=True, metavar="FILES...")(function)
+
+
+def fps_option(function: Callable) -> Callable:
+    """``--fps``."""
+    return click.option(
+        "--fps",
+        type=click.FloatRange(min=0, min_open=True),
+        help="Frame rate of the inputs, whatever they say; most .amc files say none, and 120 is "
+        "taken. Nothing is resampled.",
+    )(function)
+
+
+def batch_options(function: Callable) -> Callable:
+    """FILES, ``-o`` and how to go through them; the command is given ``batch``."""
+
+    @files_argument
+    @click.option(
+        "-o",
+        "--out",
+        required=True,
+        type=click.Path(path_type=Path),
+        help="Output folder, which mirrors the inputs' tree; or the output file, for one input.",
+    )
+    @fps_option
+    @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+    @click.option("--resume", is_flag=True, help="Skip outputs that are newer than their inputs.")
+    @click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop.")
+    @click.option(
+        "-j", "--jobs", type=click.IntRange(1), default=1, show_default=True, help="Processes."
+    )
+    @click.option("--fail-fast", is_flag=True, help="Stop at the first file that fails.")
+    @click.option(
+        "--report",
+        type=click.Path(dir_okay=False, path_type=Path),
+        callback=_report_suffix,
+        help="Write what changed in every file, to an .html or .json file.",
+    )
+    @functools.wraps(function)
+    def command(*args, **values):
+        batch = Batch(**{name: values.pop(name) for name in Batch.__dataclass_fields__})
+        return function(*args, batch=batch, **values)
+
+    return command
+
+
+def selection_options(function: Callable) -> Callable:
+    """``--strength --joints --range --fade``; the command is given ``selection``."""
+
+    @click.option(
+        "--strength",
+        type=click.FloatRange(0, 1),
+        default=1.0,
+        show_default=True,
+        help="How much of the edit to apply.",
+    )
+    @click.option(
+        "--joints",
+        multiple=True,
+        metavar="PATTERN",
+        help="Only joints whose names match, such as 'Left*'; may be repeated.",
+    )
+    @click.option(
+        "--range",
+        "frames",
+        type=FrameRange(),
+        default=(None, None),
+        help="Only these frames, such as 120:480 (from 0, end excluded); others stay as they are.",
+    )
+    @click.option(
+        "--fade",
+        type=click.IntRange(0),
+        default=8,
+        show_default=True,
+        help="Frames over which the edit sets in and out, inside --range.",
+    )
+    @functools.wraps(function)
+    def command(*args, **values):
+        selection = Selection(**{name: values.pop(name) for name in Selection.__dataclass_fields__})
+        return function(*args, selection=selection, **values)
+
+    return command
+
+
+def format_option(function: Callable) -> Callable:
+    """``--to``: the suffix of outputs in a folder, ``None`` for each input's own."""
+    return click.option(
+        "--to",
+        type=click.Choice([suffix[1:] for suffix in SUFFIXES]),
+        callback=lambda ctx, param, value: f".{value}" if value else None,
+        help="Format of the outputs in a folder.",
+    )(function)
+
+
+def _note_debug(ctx: click.Context, param: click.Parameter, value: bool) -> bool:
+    ctx.meta["jaxmotion.debug"] = value
+    return value
+
+
+def _report_suffix(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
+    if value is not None and value.suffix.lower() not in (".html", ".json"):
+        raise click.BadParameter(f"{value.name!r} ends neither in .html nor in .json")
+    return value
+
+
+def _load_preset(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
+    if value is None:
+        return
+    try:
+        table = tomllib.loads(value.read_text("utf-8"))
+    except OSError as error:
+        raise click.BadParameter(f"{value}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise click.BadParameter(f"{value}: {error}") from None
+    parent = ctx.parent
+    group = parent.command if parent is not None else None
+    commands = group.list_commands(parent) if isinstance(group, click.Group) and parent else []
+    tables = {name: table.pop(name) for name in commands if isinstance(table.get(name), dict)}
+    mine = tables.get(ctx.info_name or "", {})
+    options = {_flag(p): p for p in ctx.command.params if isinstance(p, click.Option)}
+    typos = {key for key in mine if _spelt(key) not in options}
+    typos |= {key for key in table if _spelt(key) not in options.keys() | _all_flags(parent)}
+    if typos:
+        raise click.BadParameter(
+            f"{value}: {', '.join(map(repr, sorted(typos)))} is no option of {ctx.info_name}; "
+            f"there are {', '.join(sorted(options))}"
+        )
+    chosen = {_spelt(key): entry for key, entry in {**table, **mine}.items()}
+    defaults = {
+        options[key].name: _as_typed(entry) for key, entry in chosen.items() if key in options
+    }
+    ctx.default_map = {**(ctx.default_map or {}), **defaults}
+
+
+def _all_flags(table: click.Context | None) -> set[str]:
+    """Options of any command: a key for another one may stand at the top of a preset."""
+    if table is None or not isinstance(table.command, click.Group):
+        return set()
+    commands = (table.command.get_command(table, n) for n in table.command.list_commands(table))
+    params = (param for command in commands if command for param in command.params)
+    return {_flag(param) for param in params if isinstance(param, click.Option)}
+
+
+def _spelt(key: str) -> str:
+    return key.replace("_", "-")
+
+
+def _flag(option: click.Option) -> str:
+    return max(option.opts, key=len).lstrip("-")
+
+
+def _as_typed(entry: Any) -> Any:
+    """A table such as ``gain = {"*Arm*" = 2}`` as the list of ``*Arm*=2`` one would type."""
+    return [f"{key}={item}" for key, item in entry.items()] if isinstance(entry, dict) else entry

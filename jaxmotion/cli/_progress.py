@@ -1,0 +1,84 @@
+"""Progress on stderr: a bar with the time left on a terminal, else a plain line a file."""
+
+import sys
+import time
+
+import click
+
+from jaxmotion.cli._work import Outcome
+
+
+class Progress:
+    """A context that is told of outcomes one by one."""
+
+    def __init__(self, total: int):
+        self._total = total
+        self._done = 0
+        self._begun = time.perf_counter()
+        self._bar = None
+        if total > 1 and sys.stderr.isatty():
+            from rich.console import Console
+            from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
+            from rich.progress import Progress as Bar
+
+            console = Console(stderr=True, highlight=False, markup=False, emoji=False)
+            columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+            self._bar = Bar(*columns, console=console)
+            self._task = self._bar.add_task("", total=total)
+
+    def __enter__(self) -> "Progress":
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(self, *_) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def tell(self, outcome: Outcome) -> None:
+        """Show one outcome."""
+        self._done += 1
+        lines = [line_about(outcome), *(f"  warning: {text}" for text in outcome.warnings)]
+        if self._bar is not None:
+            for line in lines:
+                self._bar.console.print(line, soft_wrap=True)
+            self._bar.update(self._task, completed=self._done)
+            return
+        if self._total > 1:
+            left = self._total - self._done
+            wait = (time.perf_counter() - self._begun) / self._done * left
+            lines[0] = f"[{self._done}/{self._total}] {lines[0]}"
+            lines[0] += f" (about {duration(wait)} left)" if left else ""
+        for line in lines:
+            click.echo(line, err=True)
+
+
+def line_about(outcome: Outcome) -> str:
+    """An outcome in a line."""
+    source = click.format_filename(outcome.job.source)
+    target = click.format_filename(outcome.job.target)
+    if outcome.status == "failed":
+        return f"FAILED {source}: {outcome.message.removeprefix(f'{source}: ')}"
+    if outcome.status == "skipped":
+        return f"{target}: skipped, {outcome.message}"
+    text = f"{target}: {outcome.message or 'written'}"
+    if outcome.change is not None:
+        change = outcome.change
+        text = f"{target}: {change.frames_changed} of {change.frames} frames changed"
+        if change.frames_changed:
+            text += f", by up to {_degrees(change.angle.value)} at {change.angle.joint}"
+    return text
+
+
+def duration(seconds: float) -> str:
+    """42 s, 3 min, 2 h 05 min."""
+    if seconds < 99.5:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def _degrees(radians: float) -> str:
+    import math
+
+    return f"{math.degrees(radians):.3g}°"

@@ -1,0 +1,51 @@
+"""Many files in, none out: what ``info`` and ``check`` go through."""
+
+import traceback
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from jaxmotion.cli import _files, _session
+from jaxmotion.cli._app import described
+from jaxmotion.cli._options import Running
+from jaxmotion.cli._work import read, told
+
+if TYPE_CHECKING:
+    from jaxmotion import Motion
+
+
+@dataclass
+class Item:
+    """A file that was read, or not: ``motion`` is None and ``error`` says why."""
+
+    path: Path
+    motion: "Motion | None"
+    warnings: list[str]
+    error: str = ""
+
+
+def each(
+    files: Sequence[str], fps: float | None, running: Running, *, complain: bool = True
+) -> Iterator[Item]:
+    """Read file after file; those that fail are told of on stderr if ``complain``."""
+    inputs = _files.expand(files)
+    _session.start(cache=running.cache)
+    for source in inputs:
+        item = Item(source.path, None, [])
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                item.motion = read(source.path, fps)
+            except Exception as error:
+                item.error = described(error)
+                if running.debug:
+                    click.echo(traceback.format_exc(), err=True)
+                if complain:
+                    name = click.format_filename(source.path)
+                    click.echo(f"FAILED {name}: {item.error.removeprefix(f'{name}: ')}", err=True)
+        item.warnings = told(caught, source.path)
+        yield item

@@ -1,0 +1,93 @@
+"""JAX for the command line's own process: float64, a compile cache on disk, a word while compiling.
+
+The library never changes a global setting; a program may. Failed run-time checks become NaN
+instead of callbacks into Python (``EQX_ON_ERROR``), because programs with callbacks cannot be kept
+in the cache; results are checked before they are written.
+"""
+
+import os
+import sys
+import threading
+from pathlib import Path
+
+import click
+
+_PATIENCE = 0.4  # seconds of compiling before it is mentioned
+
+
+def cache_folder() -> Path | None:
+    """Where compiled programs are kept: ``JAXMOTION_CACHE_DIR`` (empty: nowhere), else the user's
+    cache folder by the platform's rules."""
+    named = os.environ.get("JAXMOTION_CACHE_DIR")
+    if named is not None:
+        return Path(named).expanduser() if named else None
+    home = Path.home()
+    if sys.platform == "darwin":
+        base = home / "Library" / "Caches"
+    elif os.name == "nt":
+        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
+    return base / "jaxmotion"
+
+
+def start(*, cache: bool = True, notice: bool = True, share: int = 1) -> None:
+    """Import and set up JAX.
+
+    **Arguments:** ``cache``: keep compiled programs on disk; ``notice``: say on stderr when
+    compiling takes a while; ``share``: number of processes that share this machine's cores.
+    """
+    if "equinox" not in sys.modules:
+        os.environ.setdefault("EQX_ON_ERROR", "nan")
+    if share > 1:
+        os.environ.setdefault("NPROC", str(max(1, (os.cpu_count() or 1) // share)))
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    folder = cache_folder() if cache else None
+    if folder is not None and _usable(folder):
+        jax.config.update("jax_compilation_cache_dir", str(folder))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+    if notice:
+        _CompilingNotice(kept=folder is not None)
+
+
+def _usable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
+
+
+class _CompilingNotice:
+    """Says once that compiling takes a while. JAX reports when lowering ends, which is when
+    compiling (or reading the cache) begins, and when that ends."""
+
+    def __init__(self, *, kept: bool):
+        from jax import monitoring
+
+        self._kept = kept
+        self._told = False
+        self._timer: threading.Timer | None = None
+        monitoring.register_event_duration_secs_listener(self._on_event)
+
+    def _on_event(self, event: str, duration_secs: float, **kwargs: str | int) -> None:
+        if event.endswith("jaxpr_to_mlir_module_duration") and not self._told:
+            self._cancel()
+            self._timer = threading.Timer(_PATIENCE, self._tell)
+            self._timer.daemon = True
+            self._timer.start()
+        elif event.endswith("backend_compile_duration"):
+            self._cancel()
+
+    def _cancel(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _tell(self) -> None:
+        self._told = True
+        again = " (first run only)" if self._kept else ""
+        click.echo(f"compiling{again} ...", err=True)

@@ -1,0 +1,168 @@
+"""One file through an edit: read, edit, confine, check, write, compare; in any process.
+
+Clips are padded to a few lengths on the way, so that a folder of clips needs a few compilations,
+not one each; edits are given the number of frames that count.
+"""
+
+import time
+import traceback
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jaxmotion.cli._app import described
+from jaxmotion.cli._files import Job
+from jaxmotion.cli._options import Selection
+
+if TYPE_CHECKING:
+    from jaxmotion import Motion
+    from jaxmotion.metrics import Difference
+
+
+@dataclass
+class Outcome:
+    """What became of one file: ``status`` is "written", "skipped", "planned" or "failed"."""
+
+    job: Job
+    status: str
+    message: str = ""
+    warnings: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+    change: "Difference | None" = None
+    traceback: str = ""
+
+
+@dataclass(frozen=True)
+class Editing:
+    """What :func:`edit_file` does to every file: ``edit(motion, length)`` returns a motion of the
+    same shape; ``measured`` asks for changes in world positions as well."""
+
+    edit: "Callable[[Motion, int], Motion]"
+    selection: Selection
+    fps: float | None
+    overwrite: bool
+    measured: bool
+
+
+def guarded(process: "Callable[[Job], Difference | str | None]", job: Job) -> Outcome:
+    """Run ``process`` on a job; what it returns is the change or a message, and whatever goes wrong
+    becomes a failed outcome."""
+    begun = time.perf_counter()
+    outcome = Outcome(job, "written")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            result = process(job)
+            if isinstance(result, str):
+                outcome.message = result
+            else:
+                outcome.change = result
+        except Exception as error:
+            outcome.status = "failed"
+            outcome.message = described(error)
+            outcome.traceback = traceback.format_exc()
+    outcome.warnings = told(caught, job.target)
+    outcome.seconds = time.perf_counter() - begun
+    return outcome
+
+
+def told(caught: list[warnings.WarningMessage], *paths: Path) -> list[str]:
+    """What a user should hear of: repairs and changes of layout, without the ``paths`` in front."""
+    from jaxmotion.io import MotionFileWarning
+
+    texts = [str(w.message) for w in caught if issubclass(w.category, MotionFileWarning)]
+    for path in paths:
+        texts = [text.removeprefix(f"{path}: ") for text in texts]
+    return texts
+
+
+def edit_file(editing: Editing, job: Job) -> "Difference | None":
+    """Read the job's source, edit it and write its target."""
+    import numpy as np
+
+    from jaxmotion import metrics
+
+    motion = read(job.source, editing.fps)
+    padded, length = pad(motion)
+    edited = editing.edit(padded, length)
+    if not editing.selection.everything:
+        edited = confined(padded, edited, length, editing.selection)
+    edited = unpadded(edited, length)
+    for part in (edited.rotations, edited.translations):
+        if not np.isfinite(part).all():
+            frame, joint = np.argwhere(~np.isfinite(part))[0][:2]
+            name = motion.skeleton.names[joint]
+            raise ValueError(f"the result is not finite, first at frame {frame}, joint {name!r}")
+    write(edited, job.target, overwrite=editing.overwrite)
+    return metrics.difference(motion, edited, world=editing.measured)
+
+
+def read(path: Path, fps: float | None) -> "Motion":
+    """Load a motion; ``fps`` overrules the file's frame rate."""
+    import jaxmotion as jm
+
+    options: dict[str, Any] = {}
+    if fps is not None:
+        by_suffix = {".amc": {"fps": fps}, ".bvh": {"frame_time": 1.0 / fps}}
+        options = by_suffix.get(path.suffix.lower(), {})
+    motion = jm.load(path, **options)
+    if fps is None or options:
+        return motion
+    return jm.Motion(
+        motion.skeleton,
+        motion.translations,
+        motion.rotations,
+        1.0 / fps,
+        translated_joints=motion.translated_joints,
+    )
+
+
+def write(motion: "Motion", path: Path, *, overwrite: bool) -> None:
+    """Save a motion, making the folders it goes to."""
+    import jaxmotion as jm
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    jm.save(motion, path, overwrite=overwrite)
+
+
+def pad(motion: "Motion") -> "tuple[Motion, int]":
+    """The clip at the next of a few lengths, in NumPy arrays, and how many frames count."""
+    import numpy as np
+
+    from jaxmotion.timing.buckets import pad_to_bucket
+
+    length = motion.num_frames
+    translations, rotations = np.asarray(motion.translations), np.asarray(motion.rotations)
+    if length > 1:  # one datum does not determine the padding after it
+        translations, _ = pad_to_bucket(translations)  # type: ignore[arg-type]
+        rotations, _ = pad_to_bucket(rotations)  # type: ignore[arg-type]
+    return motion.with_transforms(translations, rotations), length
+
+
+def unpadded(motion: "Motion", length: int) -> "Motion":
+    """The frames that count, in NumPy arrays."""
+    import numpy as np
+
+    return motion.with_transforms(
+        np.asarray(motion.translations)[:length], np.asarray(motion.rotations)[:length]
+    )
+
+
+def confined(original: "Motion", edited: "Motion", length: int, selection: Selection) -> "Motion":
+    """The edit where it was asked for; both clips padded."""
+    import numpy as np
+
+    from jaxmotion.confine import confine, selection_weights
+
+    weights = selection_weights(
+        original.skeleton,
+        length,
+        joints=selection.joints,
+        frames=selection.frames,
+        fade=selection.fade,
+        strength=selection.strength,
+    )
+    padding = np.zeros((original.num_frames - length, original.num_joints))
+    return confine(original, edited, np.concatenate([weights, padding]))

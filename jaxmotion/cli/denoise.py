@@ -1,0 +1,54 @@
+"""``jaxmotion denoise``: remove the noise of the capture, keep the motion."""
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jaxmotion.cli._options import (
+    Batch,
+    Running,
+    Selection,
+    batch_options,
+    running_options,
+    selection_options,
+)
+
+if TYPE_CHECKING:
+    from jaxmotion import Motion
+
+_POSITIVE = click.FloatRange(min=0, min_open=True)
+
+
+@click.command(short_help="Remove the noise of the capture.")
+@batch_options
+@selection_options
+@click.option("--lam", type=_POSITIVE, help="Smoothness of what is kept; for experts.")
+@click.option("--sigma", type=_POSITIVE, help="Noise of the capture; for experts.")
+@running_options
+def command(
+    batch: Batch,
+    running: Running,
+    selection: Selection,
+    lam: float | None,
+    sigma: float | None,
+) -> None:
+    """Remove the noise of the capture and keep the motion.
+
+    \b
+    jaxmotion denoise take.bvh -o clean.bvh
+    jaxmotion denoise takes -o clean --jobs 4 --report report.html
+    jaxmotion denoise take.bvh -o clean.bvh --joints 'Left*' --range 120:480
+    """
+    from jaxmotion.cli._batch import edit_files
+
+    given = {"lam": lam, "sigma": sigma}
+    options = {name: value for name, value in given.items() if value is not None}
+    edit_files(partial(edit, options=options), batch, running, selection)
+
+
+def edit(motion: "Motion", length: int, *, options: dict[str, Any]) -> "Motion":
+    """The library's denoiser on a padded clip; what is not given is left to it."""
+    import jaxmotion as jm
+
+    return jm.denoise(motion, length=length, **options)

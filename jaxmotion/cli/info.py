@@ -1,0 +1,116 @@
+"""``jaxmotion info``: what a file holds."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jaxmotion.cli._options import Running, files_argument, fps_option, running_options
+
+if TYPE_CHECKING:
+    from jaxmotion import Motion, Skeleton
+
+
+@click.command(short_help="What a file holds.")
+@files_argument
+@fps_option
+@click.option("--json", "as_json", is_flag=True, help="As JSON, a list with one entry a file.")
+@click.option("--tree", is_flag=True, help="Draw the skeleton.")
+@running_options
+def command(
+    files: tuple[str, ...], running: Running, fps: float | None, as_json: bool, tree: bool
+) -> None:
+    """What a file holds: joints, frames, rate, channels, size.
+
+    \b
+    jaxmotion info walk.bvh --tree
+    jaxmotion info takes --json
+    """
+    from jaxmotion.cli._reading import each
+
+    found = []
+    failed = False
+    for item in each(files, fps, running):
+        failed |= item.motion is None
+        if item.motion is None:
+            continue
+        facts = {"file": str(item.path), **describe(item.motion), "warnings": item.warnings}
+        found.append(facts)
+        if not as_json:
+            click.echo(_as_text(item.path, facts))
+            if tree:
+                _draw(item.motion.skeleton)
+    if as_json:
+        click.echo(json.dumps(found, indent=1, ensure_ascii=False))
+    raise click.exceptions.Exit(1 if failed else 0)
+
+
+def describe(motion: "Motion") -> dict[str, Any]:
+    """What there is to know about a clip; lengths in the file's unit."""
+    import numpy as np
+
+    from jaxmotion import metrics
+
+    skeleton = motion.skeleton
+    points = metrics.world_positions(motion)
+    up = "xyz".index(skeleton.up)
+    height = np.median(np.ptp(points[:, :, up], axis=1))
+    return {
+        "frames": motion.num_frames,
+        "fps": round(1.0 / float(motion.frame_time), 6),
+        "frame_time": float(motion.frame_time),
+        "seconds": motion.num_frames * float(motion.frame_time),
+        "joints": list(skeleton.names),
+        "parents": list(skeleton.parents),
+        "end_sites": len(skeleton.end_joints),
+        "channels": [list(names) for names in skeleton.channels],
+        "translated_joints": [skeleton.names[j] for j in motion.translated_joints],
+        "up": skeleton.up,
+        "length_unit": skeleton.length_unit,
+        "height": float(height),
+        "bounding_box": [points.min((0, 1)).tolist(), points.max((0, 1)).tolist()],
+    }
+
+
+def _as_text(path: Path, facts: dict[str, Any]) -> str:
+    low, high = (", ".join(f"{v:.4g}" for v in corner) for corner in facts["bounding_box"])
+    channels = facts["channels"]
+    moving = facts["translated_joints"]
+    layouts = sorted({" ".join(names) for names in channels if names}, key=len)
+    shown = "; ".join(layouts[:3]) + (f"; and {len(layouts) - 3} more" * (len(layouts) > 3))
+    unit = facts["length_unit"]
+    rows = [
+        ("joints", f"{len(facts['joints'])}, and {facts['end_sites']} end sites"),
+        ("frames", f"{facts['frames']} at {facts['fps']:.6g} a second: {facts['seconds']:.2f} s"),
+        ("channels", f"{sum(map(len, channels))} ({shown})"),
+        (
+            "translated",
+            ", ".join(moving[:6]) + (f" and {len(moving) - 6} more" * (len(moving) > 6)),
+        ),
+        ("up", facts["up"]),
+        ("length unit", "not told" if unit == 1.0 else f"{unit:g}"),
+        ("height", f"{facts['height']:.4g}, the median over frames"),
+        ("moves within", f"({low}) to ({high})"),
+        *(("warning", text) for text in facts["warnings"]),
+    ]
+    return "\n".join(
+        [click.format_filename(path), *(f"  {name:<13} {text}" for name, text in rows)]
+    )
+
+
+def _draw(skeleton: "Skeleton") -> None:
+    from rich.console import Console
+    from rich.text import Text
+    from rich.tree import Tree
+
+    branches: list[Tree] = []
+    for name, parent, channels in zip(
+        skeleton.names, skeleton.parents, skeleton.channels, strict=True
+    ):
+        label = Text(name)
+        label.append(f"  {len(channels)}", style="dim")
+        branches.append(Tree(label) if parent < 0 else branches[parent].add(label))
+    for joint in skeleton.end_joints:
+        branches[joint].add(Text("end site", style="dim"))
+    Console(emoji=False).print(branches[0])

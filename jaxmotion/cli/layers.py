@@ -1,0 +1,90 @@
+"""``jaxmotion layers``: take a motion apart into base, style and noise."""
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING
+
+import click
+
+from jaxmotion.cli._files import Job
+from jaxmotion.cli._options import Batch, Running, batch_options, running_options
+
+if TYPE_CHECKING:
+    from jaxmotion.layers import MotionLayers
+
+_NAMES = ("base.bvh", "denoised.bvh", "layers.npz")
+
+
+@click.command(short_help="Take a motion apart into base, style and noise.")
+@batch_options
+@click.option(
+    "--scope",
+    type=click.Choice(["global", "per_joint"]),
+    default="global",
+    show_default=True,
+    help="One smoothness for the body, or one for every joint.",
+)
+@running_options
+def command(batch: Batch, running: Running, scope: str) -> None:
+    """Take a motion apart: OUT gets base.bvh, denoised.bvh and layers.npz.
+
+    base.bvh is the smooth gist of the motion, denoised.bvh has its style as well. layers.npz holds
+    the displacements of style ("control") and noise ("residual"): rotation vectors in radians and
+    translations in the file's unit, (frame, joint, 3). For several inputs, OUT gets a folder each.
+
+    \b
+    jaxmotion layers walk.bvh -o walk-layers
+    """
+    from jaxmotion.cli import _files
+    from jaxmotion.cli._batch import run
+
+    inputs = _files.expand(batch.files, avoid=batch.out)
+    jobs = _files.plan_folders(inputs, batch.out)
+    process = partial(_decompose, batch.fps, batch.overwrite, scope)
+    run(process, jobs, batch, running, writes=lambda folder: [folder / name for name in _NAMES])
+
+
+def _decompose(fps: float | None, overwrite: bool, scope: str, job: Job) -> str:
+    import jaxmotion as jm
+    from jaxmotion.cli._work import pad, read, unpadded, write
+
+    padded, length = pad(read(job.source, fps))
+    layers = jm.decompose(padded, scope=scope, length=length)  # type: ignore[arg-type]
+    denoised = unpadded(jm.synthesize(layers, 1.0, 0.0), length)
+    base, denoised_name, _ = _NAMES
+    write(unpadded(layers.base, length), job.target / base, overwrite=overwrite)
+    write(denoised, job.target / denoised_name, overwrite=overwrite)
+    return _write_displacements(layers, length, job, overwrite)
+
+
+def _write_displacements(layers: "MotionLayers", length: int, job: Job, overwrite: bool) -> str:
+    import numpy as np
+
+    from jaxmotion.io.archive import write_archive
+    from jaxmotion.io.atomic import atomic_write
+
+    parts = {"control": layers.control, "residual": layers.residual}
+    arrays = {
+        f"{name}_{kind}": np.asarray(getattr(part, kind))[:length]
+        for name, part in parts.items()
+        for kind in ("translations", "rotations")
+    }
+    arrays |= {name: np.asarray(getattr(layers, name)) for name in ("lam", "sigma", "saturated")}
+    arrays["joints"] = np.array(layers.base.skeleton.names)
+    with atomic_write(job.target / _NAMES[2], overwrite=overwrite) as file:
+        write_archive(file, arrays, compress=True)
+    control, residual = (
+        math.degrees(np.linalg.norm(arrays[f"{name}_rotations"], axis=-1).max()) for name in parts
+    )
+    lam, sigma = (_range(arrays[name]) for name in ("lam", "sigma"))
+    saturated = arrays["saturated"]
+    ended = f"saturated ({saturated.sum()} of {saturated.size})" if saturated.any() else "bounded"
+    return (
+        f"lambda {lam}, sigma {sigma}, {ended}; "
+        f"style turns up to {control:.3g}°, noise up to {residual:.3g}°"
+    )
+
+
+def _range(values) -> str:
+    low, high = float(values.min()), float(values.max())
+    return f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"

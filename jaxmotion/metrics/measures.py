@@ -1,0 +1,213 @@
+"""Measures of a clip, and of the difference between two.
+
+    rotation_rates      ‖log(q̄_{t-1} q_t)‖ / Δt                         radians a second
+    bend                angle from the midpoint of q_{t-1} and q_{t+1} to q_t        radians
+    gimbal_margin       |π/2 − |θ₂||, θ₂ the middle of a joint's three Euler angles (proper Euler
+                        orders: distance of θ₂ from 0 and π)                         radians
+    difference          which frames of two clips differ, and by how much at most
+
+T frames, J joints. For reports and checks: NumPy in float64 on the host, nothing is traced, nothing
+waits for a compiler but what needs world positions. O(T·J).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from jaxmotion._types import ArrayLike
+from jaxmotion.io import euler
+from jaxmotion.kinematics import forward_kinematics
+from jaxmotion.motion import Motion
+from jaxmotion.skeleton import Skeleton
+
+_BLOCK = 512  # frames at a time for world positions: one compiled function for all clips
+_EXACT = 1e-8  # radians, and share of the figure's size: less is rounding
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The largest of some values, and the frame and joint it is at."""
+
+    value: float
+    frame: int
+    joint: str
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How two clips of one shape differ.
+
+    ``frames_changed`` of ``frames``; ``angle``: the greatest turn of a joint in its parent's frame,
+    radians; ``shift``: the greatest change of a local translation, file unit; ``distance``: the
+    greatest move of a joint in the world, file unit, None if not asked for.
+    """
+
+    frames: int
+    frames_changed: int
+    angle: Peak
+    shift: Peak
+    distance: Peak | None
+
+
+def turn(a: ArrayLike, b: ArrayLike) -> Float[np.ndarray, "..."]:
+    """Angle in radians between unit quaternions (..., 4), in [0, π]; exact for tiny angles."""
+    a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    chord = np.minimum(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
+    return 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
+
+
+def rotation_rates(motion: Motion) -> Float[np.ndarray, "step joint"]:
+    """Speed of every joint's rotation from frame to frame, radians a second: f[T − 1, J]."""
+    q = np.asarray(motion.rotations)
+    return turn(q[1:], q[:-1]) / float(motion.frame_time)
+
+
+def sign_flips(motion: Motion) -> Bool[np.ndarray, "step joint"]:
+    """Where a quaternion lies in the other hemisphere from the one before: bool[T − 1, J].
+
+    The rotation is the same, but a filter that does not know would go the long way round. Read from
+    Euler angles, it is a jump of a whole turn.
+    """
+    q = np.asarray(motion.rotations, np.float64)
+    return np.sum(q[1:] * q[:-1], axis=-1) < 0
+
+
+def bend(motion: Motion) -> Float[np.ndarray, "inner joint"]:
+    """How far each rotation is from half way between its neighbours in time: f[T − 2, J], radians.
+
+    A rotation that is out for one frame has a bend of its error, and its neighbours of half that.
+    """
+    q = np.asarray(motion.rotations, np.float64)
+    before, after = q[:-2], q[2:]
+    same = np.sum(before * after, axis=-1, keepdims=True) >= 0
+    middle = before + np.where(same, after, -after)
+    return turn(q[1:-1], middle / np.linalg.norm(middle, axis=-1, keepdims=True))
+
+
+def root_bend(motion: Motion) -> Float[np.ndarray, " inner"]:
+    """How far the root is from half way between its neighbours in time: f[T − 2], file unit."""
+    p = np.asarray(motion.translations, np.float64)[:, 0]
+    return np.linalg.norm(p[1:-1] - 0.5 * (p[:-2] + p[2:]), axis=-1)
+
+
+def duplicate_frames(motion: Motion) -> Bool[np.ndarray, " time"]:
+    """Which frames repeat the one before in every joint: bool[T], the first False."""
+    angle = turn(motion.rotations[1:], motion.rotations[:-1]).max(axis=-1, initial=0.0)
+    p = np.asarray(motion.translations, np.float64)
+    shift = np.abs(np.diff(p, axis=0)).max(axis=(1, 2), initial=0.0)
+    same = (angle <= _EXACT) & (shift <= _EXACT * figure_size(motion.skeleton))
+    return np.concatenate([[False], same])
+
+
+def gimbal_margin(motion: Motion) -> Float[np.ndarray, "time joint"]:
+    """How far each joint's Euler angles are from gimbal lock: f[T, J], radians.
+
+    In the joint's own order of rotation channels; infinite for joints with fewer than three. At
+    lock the first and the last angle turn about one axis and may jump.
+    """
+    margin = np.full((motion.num_frames, motion.num_joints), np.inf)
+    q = _as_turned_by_channels(motion)
+    for j, channels in enumerate(motion.skeleton.channels):
+        axes = [axis for axis in map(_axis, channels) if axis is not None]
+        if len(axes) == 3:
+            first, last = (axes[2], axes[0]) if motion.skeleton.asf else (axes[0], axes[2])
+            # sin θ₂ (proper Euler: cos θ₂), up to its sign, stands alone in the matrix.
+            margin[:, j] = np.arccos(np.minimum(np.abs(_matrix_entry(q[:, j], first, last)), 1.0))
+    return margin
+
+
+def figure_size(skeleton: Skeleton) -> float:
+    """Size of the figure in the file's unit: its longest chain of bones."""
+    lengths = np.linalg.norm(np.asarray(skeleton.offsets, np.float64), axis=-1)
+    reach = np.zeros(skeleton.num_joints)
+    for j, parent in enumerate(skeleton.parents[1:], 1):
+        reach[j] = reach[parent] + lengths[j]
+    return float(reach.max()) or 1.0
+
+
+def world_positions(motion: Motion) -> Float[np.ndarray, "time point 3"]:
+    """World positions of joints, then end sites: f[T, J + E, 3], file unit.
+
+    Forward kinematics a block of frames at a time, so that clips of all lengths share one
+    compilation.
+    """
+    translations, rotations = np.asarray(motion.translations), np.asarray(motion.rotations)
+    pieces = []
+    for start in range(0, motion.num_frames, _BLOCK):
+        index = np.minimum(np.arange(start, start + _BLOCK), motion.num_frames - 1)
+        pose = forward_kinematics(motion.with_transforms(translations[index], rotations[index]))
+        points = [np.asarray(pose.positions), np.asarray(pose.end_positions)]
+        pieces.append(np.concatenate(points, axis=1)[: motion.num_frames - start])
+    return np.concatenate(pieces).astype(np.float64)
+
+
+def difference(before: Motion, after: Motion, *, world: bool = False) -> Difference:
+    """How ``after`` differs from ``before``.
+
+    **Arguments:** two clips of one shape; ``world``: whether to compare world positions too.
+    **Raises:** ``ValueError`` when the shapes differ.
+    """
+    if before.rotations.shape != after.rotations.shape:
+        raise ValueError(
+            f"difference: the clips have shapes {before.rotations.shape} and "
+            f"{after.rotations.shape} (time, joint, 4); they must agree"
+        )
+    names = before.skeleton.names
+    angle = turn(before.rotations, after.rotations)
+    moved = np.asarray(after.translations, np.float64) - np.asarray(before.translations, np.float64)
+    shift = np.linalg.norm(moved, axis=-1)
+    rounding = _EXACT * figure_size(before.skeleton)
+    changed = (angle > _EXACT).any(axis=1) | (shift > rounding).any(axis=1)
+    distance = None
+    if world:
+        joints = len(names)
+        apart = world_positions(after)[:, :joints] - world_positions(before)[:, :joints]
+        distance = _peak(np.linalg.norm(apart, axis=-1), names)
+    return Difference(
+        before.num_frames, int(changed.sum()), _peak(angle, names), _peak(shift, names), distance
+    )
+
+
+def _peak(values: np.ndarray, names: tuple[str, ...]) -> Peak:
+    frame, joint = np.unravel_index(np.argmax(values), values.shape)
+    return Peak(float(values[frame, joint]), int(frame), names[joint])
+
+
+def _axis(channel: str) -> int | None:
+    """The axis that a rotation channel turns about (BVH "Zrotation", ASF "rz"), else None."""
+    name = channel.lower()
+    if name.endswith("rotation") and name[0] in "xyz":
+        return "xyz".index(name[0])
+    if len(name) == 2 and name[0] == "r" and name[1] in "xyz":
+        return "xyz".index(name[1])
+    return None
+
+
+def _as_turned_by_channels(motion: Motion) -> np.ndarray:
+    """Rotations [T, J, 4] in the axes their channels turn about: an ASF bone has its own, C, and
+    C R C⁻¹ is its rotation (R C the root's)."""
+    q = np.asarray(motion.rotations, np.float64)
+    if not motion.skeleton.asf:
+        return q
+    orders = [bone.axis_order.lower() for bone in motion.skeleton.asf]
+    degrees = [
+        [bone.axis["xyz".index(letter)] for letter in order]
+        for bone, order in zip(motion.skeleton.asf, orders, strict=True)
+    ]
+    axes = np.moveaxis(euler.from_euler(np.radians([degrees]), orders), -1, 0)
+    back = axes * np.array([1.0, -1.0, -1.0, -1.0])[:, None, None]
+    left, right = back.copy(), axes.copy()
+    left[..., 0], right[..., 0] = [[1.0], [0.0], [0.0], [0.0]], back[..., 0]
+    turned = euler.multiply(euler.multiply(left, np.moveaxis(q, -1, 0)), right)
+    return np.moveaxis(turned, 0, -1)
+
+
+def _matrix_entry(q: np.ndarray, row: int, column: int) -> np.ndarray:
+    """Entry of the rotation matrix of quaternions [T, 4]."""
+    w, v = q[:, 0], q[:, 1:]
+    if row == column:
+        return 1.0 - 2.0 * (1.0 - w * w - v[:, row] ** 2)
+    third = 3 - row - column
+    sign = 1.0 if (row + 1) % 3 == column else -1.0
+    return 2.0 * (v[:, row] * v[:, column] - sign * w * v[:, third])

@@ -1,0 +1,182 @@
+"""What each command does to files."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import jaxmotion as jm
+from tests.cli.conftest import swinging
+from tests.helpers import assert_same_rotation
+
+PLAIN = ("--lam", "1", "--sigma", "1")
+
+
+def degrees(a, b):
+    from jaxmotion.metrics import turn
+
+    return np.degrees(turn(a.rotations, b.rotations))
+
+
+@pytest.fixture(scope="module")
+def denoised():
+    """The take of 40 frames and its denoised version, by the library."""
+    return swinging(), jm.denoise(swinging(), lam=1.0, sigma=1.0)
+
+
+def test_denoise_is_the_library_s(jaxmotion, take, tmp_path, denoised):
+    report = tmp_path / "r.json"
+    out = tmp_path / "clean" / "out.bvh"
+    result = jaxmotion("denoise", take, "-o", out, *PLAIN, "--report", report)
+    assert "40 of 40 frames changed, by up to" in result.stderr
+    got = jm.load(out)
+    assert_same_rotation(got.rotations, denoised[1].rotations, 1e-9)
+    np.testing.assert_allclose(got.translations, denoised[1].translations, atol=1e-9)
+    [row] = json.loads(report.read_text())["files"]
+    assert row["max_degrees"]["value"] == pytest.approx(degrees(*denoised).max(), rel=1e-6)
+    assert row["max_distance"]["value"] > 0
+    assert (row["frames"], row["frames_changed"]) == (40, 40)
+
+
+def test_strength_joints_and_range(jaxmotion, take, tmp_path, denoised):
+    before, full = denoised
+    out = tmp_path / "out.npz"
+    words = ("denoise", take, "-o", out, *PLAIN, "--overwrite")
+    jaxmotion(*words, "--joints", "left*", "--range", "10:30", "--fade", "4", "--strength", "0.5")
+    got = jm.load(out)
+    changed = degrees(before, got)
+    outside = np.r_[0:10, 30:40]
+    assert changed[outside].max() < 1e-9
+    assert changed[:, [0, 3]].max() < 1e-9
+    np.testing.assert_allclose(
+        changed[14:26, 1:3], 0.5 * degrees(before, full)[14:26, 1:3], atol=1e-9
+    )
+    assert np.all(changed[10, 1:3] < 0.1 * degrees(before, full)[10, 1:3] + 1e-9)
+    np.testing.assert_array_equal(got.translations[outside], jm.load(take).translations[outside])
+
+
+def test_a_pattern_without_joints_and_an_empty_range_fail(jaxmotion, take, tmp_path):
+    words = ("denoise", take, "-o", tmp_path / "out.bvh", *PLAIN)
+    assert "the joints are Hips" in jaxmotion(*words, "--joints", "Tail*", code=1).stderr
+    assert "none of the 40 frames" in jaxmotion(*words, "--range", "50:60", code=1).stderr
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_tiny_clips(jaxmotion, tmp_path, frames):
+    jm.save(swinging(frames), tmp_path / "in.bvh")
+    jaxmotion("denoise", tmp_path / "in.bvh", "-o", tmp_path / "out.bvh", *PLAIN)
+    assert len(jm.load(tmp_path / "out.bvh")) == frames
+
+
+def test_style(jaxmotion, take, tmp_path):
+    motion = swinging()
+    out = tmp_path / "out.npz"
+    words = ("style", take, "-o", out, "--overwrite")
+    jaxmotion(*words, "--alpha", "2")
+    assert_same_rotation(jm.load(out).rotations, jm.stylize(motion, 2.0).rotations, 1e-9)
+    jaxmotion(*words, "--gain", "*Arm=1.5", "--gain", "Left*=0.5")
+    gains = np.array([1.0, 0.5, 0.5, 1.5])
+    assert_same_rotation(jm.load(out).rotations, jm.stylize(motion, gains).rotations, 1e-9)
+    assert "say how much" in jaxmotion(*words, code=2).stderr
+
+
+def test_layers(jaxmotion, take, tmp_path, denoised):
+    out = tmp_path / "parts"
+    result = jaxmotion("layers", take, "-o", out)
+    assert sorted(p.name for p in out.iterdir()) == ["base.bvh", "denoised.bvh", "layers.npz"]
+    assert "lambda" in result.stderr
+    layers = jm.decompose(swinging())
+    assert_same_rotation(jm.load(out / "base.bvh").rotations, layers.base.rotations, 1e-9)
+    assert_same_rotation(jm.load(out / "denoised.bvh").rotations, denoised[1].rotations, 1e-9)
+    with np.load(out / "layers.npz", allow_pickle=False) as parts:
+        np.testing.assert_allclose(parts["control_rotations"], layers.control.rotations, atol=1e-9)
+        np.testing.assert_allclose(
+            parts["residual_translations"], layers.residual.translations, atol=1e-9
+        )
+        assert parts["lam"] == layers.lam
+        assert list(parts["joints"]) == list(swinging().skeleton.names)
+    assert "exists" in jaxmotion("layers", take, "-o", out, code=1).stderr
+
+
+def test_convert_between_all_formats(jaxmotion, take, tmp_path):
+    chain = [take, *(tmp_path / f"x.{suffix}" for suffix in ("amc", "npz")), tmp_path / "y.bvh"]
+    for source, target in pairwise(chain):
+        jaxmotion("convert", source, "-o", target, "--fps", "30")
+    from jaxmotion.metrics import world_positions
+
+    np.testing.assert_allclose(
+        world_positions(jm.load(chain[-1]))[:, :4], world_positions(swinging())[:, :4], atol=1e-6
+    )
+    assert "which format" in jaxmotion("convert", take, "-o", tmp_path / "dir", code=2).stderr
+
+
+def test_info(jaxmotion, take, tmp_path):
+    text = jaxmotion("info", take, "--tree").stdout
+    for piece in ("40 at 30 a second", "4, and 1 end sites", "LeftHand", "end site", "Hips"):
+        assert piece in text
+    (tmp_path / "bad.bvh").write_text("nonsense")
+    result = jaxmotion("info", take, tmp_path / "bad.bvh", "--json", code=1)
+    [facts] = json.loads(result.stdout)
+    assert facts["joints"] == ["Hips", "LeftArm", "LeftHand", "RightArm"]
+    assert facts["seconds"] == pytest.approx(40 / 30)
+    low, high = facts["bounding_box"]
+    assert low[1] <= 9 < high[1]
+    assert facts["translated_joints"] == ["Hips"]
+    assert "bad.bvh" in result.stderr
+
+
+def test_check(jaxmotion, tmp_path):
+    good = tmp_path / "good.npz"
+    jm.save(swinging(noise=0.0), good)
+    assert jaxmotion("check", good).stdout.strip() == f"{good}: ok"
+    motion = swinging(noise=0.0)
+    rotations = np.array(motion.rotations)
+    rotations[20, 2] = [0, 1, 0, 0]
+    rotations[30:, 1] *= -1
+    bad = tmp_path / "bad.npz"
+    jm.save(motion.with_transforms(rotations=rotations), bad)
+    result = jaxmotion("check", good, bad, code=3)
+    assert "LeftHand, frame 20" in result.stdout
+    assert "1 of 2 files have problems." in result.stderr
+    found = json.loads(jaxmotion("check", bad, "--json", code=3).stdout)[0]["problems"]
+    kinds = {(p["kind"], p["frame"], p["joint"]) for p in found}
+    assert ("spike", 20, "LeftHand") in kinds
+    assert ("flip", 30, "LeftArm") in kinds
+    words = ("check", bad, "--ignore", "spike", "--ignore", "jump")
+    jaxmotion(*words)
+    jaxmotion(*words, "--strict", code=3)
+    assert "kinds are" in jaxmotion("check", bad, "--ignore", "spikes", code=2).stderr
+
+
+def test_check_tells_of_unreadable_and_repaired_files(jaxmotion, take, tmp_path):
+    text = take.read_text()
+    broken, cut = tmp_path / "broken.bvh", tmp_path / "cut.bvh"
+    broken.write_text(text[:100])
+    cut.write_text(text.replace("Frames: 40", "Frames: 41"))
+    result = jaxmotion("check", broken, cut, "--json", code=3)
+    kinds = [[p["kind"] for p in entry["problems"]] for entry in json.loads(result.stdout)]
+    assert kinds[0] == ["unreadable"]
+    assert kinds[1][0] == "repaired"
+
+
+def test_demo(jaxmotion, tmp_path):
+    out = tmp_path / "demo"
+    result = jaxmotion("demo", "-o", out)
+    clips = {name: jm.load(out / f"{name}.bvh") for name in ("clean", "noisy", "denoised")}
+    assert (out / "exaggerated.bvh").exists()
+    off = {name: degrees(clips["clean"], clip).mean() for name, clip in clips.items()}
+    assert off["denoised"] < 0.8 * off["noisy"]
+    assert "denoised" in result.stdout
+    assert "cm" in result.stdout
+    assert "exists" in jaxmotion("demo", "-o", out, code=1).stderr
+
+
+def test_a_real_capture_goes_through(jaxmotion, data_dir, tmp_path):
+    source = sorted((data_dir / "bandai").glob("bow_*.bvh"))[0]
+    out = tmp_path / "out.bvh"
+    jaxmotion("denoise", source, "-o", out, *PLAIN, "--range", ":20")
+    before, after = jm.load(source), jm.load(out)
+    assert after.skeleton.names == before.skeleton.names
+    assert_same_rotation(after.rotations[20:], before.rotations[20:], 1e-9)
+    assert jaxmotion("info", out, "--json").exit_code == 0

@@ -1,0 +1,76 @@
+"""Presets and the types of options."""
+
+import click
+import pytest
+
+from jaxmotion.cli._options import FrameRange, Gain, Selection
+
+
+@pytest.mark.parametrize(
+    ("text", "want"), [("120:480", (120, 480)), ("5:", (5, None)), (":-2", (None, -2))]
+)
+def test_frame_range(text, want):
+    assert FrameRange().convert(text, None, None) == want
+
+
+@pytest.mark.parametrize("text", ["5", "a:b", "1:2:3", ""])
+def test_bad_frame_range(text):
+    with pytest.raises(click.BadParameter):
+        FrameRange().convert(text, None, None)
+
+
+def test_gain():
+    assert Gain().convert("*Arm*=2.5", None, None) == ("*Arm*", 2.5)
+    assert Gain().convert("a=b=-1", None, None) == ("a=b", -1.0)
+    for text in ("Arm", "=2", "Arm=two"):
+        with pytest.raises(click.BadParameter):
+            Gain().convert(text, None, None)
+
+
+def test_selection_of_everything():
+    assert Selection(1.0, (), (None, None), 8).everything
+    assert not Selection(0.5, (), (None, None), 8).everything
+    assert not Selection(1.0, ("Left*",), (None, None), 8).everything
+    assert not Selection(1.0, (), (3, None), 8).everything
+
+
+@pytest.fixture
+def edited(monkeypatch):
+    """What ``edit_files`` was called with, which then does nothing."""
+    from jaxmotion.cli import _batch
+
+    calls = []
+    monkeypatch.setattr(_batch, "edit_files", lambda edit, *rest: calls.append((edit, *rest)))
+    return calls
+
+
+def test_preset_gives_defaults_and_flags_win(jaxmotion, take, tmp_path, edited):
+    preset = tmp_path / "house.toml"
+    preset.write_text(
+        "overwrite = true\njobs = 2\nalpha = 3\n[style]\nalpha = 1.5\nfade = 3\n"
+        'joints = ["Left*", "Hips"]\nrange = "3:9"\n[style.gain]\n"*Arm*" = 2\n[denoise]\nlam = 9\n'
+    )
+    jaxmotion("style", take, "-o", "out", "--preset", preset, "--fade", "5", "--jobs", "1")
+    [(edit, batch, running, selection)] = edited
+    assert edit.keywords == {"alpha": 1.5, "gains": (("*Arm*", 2.0),), "residual": 0.0}
+    assert (batch.overwrite, batch.jobs, running.cache) == (True, 1, True)
+    assert selection == Selection(1.0, ("Left*", "Hips"), (3, 9), 5)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [("strenght = 1", "strenght"), ("[denoise]\nalpha = 1", "alpha"), ("a = [", "preset.toml")],
+)
+def test_bad_presets_are_usage_errors(jaxmotion, take, tmp_path, edited, text, word):
+    preset = tmp_path / "preset.toml"
+    preset.write_text(text)
+    result = jaxmotion("denoise", take, "-o", "out", "--preset", preset, code=2)
+    assert word in result.stderr
+    assert edited == []
+
+
+def test_missing_preset_and_bad_values(jaxmotion, take, tmp_path, edited):
+    jaxmotion("denoise", take, "-o", "out", "--preset", tmp_path / "none.toml", code=2)
+    preset = tmp_path / "preset.toml"
+    preset.write_text("strength = 7")
+    assert "7" in jaxmotion("denoise", take, "-o", "out", "--preset", preset, code=2).stderr

@@ -1,0 +1,132 @@
+"""Every kind of finding on clips made to have it, and none on clips that are clean."""
+
+import numpy as np
+import pytest
+
+import jaxmotion as jm
+from jaxmotion.metrics.checks import KINDS, find_problems
+
+
+def swinging(frames=60, fps=60.0, channels=None):
+    """Three joints swinging smoothly; the root glides."""
+    skeleton = jm.Skeleton(
+        ["Hips", "Arm", "Hand"],
+        [-1, 0, 1],
+        np.array([[0.0, 0, 0], [0, 5, 0], [3, 0, 0]]),
+        channels=channels,
+    )
+    t = np.arange(frames)[:, None, None] / fps
+    vectors = 0.5 * np.sin(4 * t + np.arange(9).reshape(3, 3))
+    root = np.stack([t[:, 0, 0], 9 + 0 * t[:, 0, 0], 2 * t[:, 0, 0]], -1)
+    return jm.Motion.from_root(skeleton, root, jm.quaternion.exp(vectors), 1 / fps)
+
+
+def changed(motion, change):
+    rotations, translations = np.array(motion.rotations), np.array(motion.translations)
+    change(rotations, translations)
+    return motion.with_transforms(translations, rotations)
+
+
+def found(motion):
+    return [(p.kind, p.frame, p.last_frame, p.joint) for p in find_problems(motion)]
+
+
+@pytest.mark.parametrize("fps", [24, 23.976, 30, 1 / 0.0333333, 1 / 0.0083333, 120])
+def test_clean_clips_have_no_problems(fps):
+    assert found(swinging(fps=fps)) == []
+
+
+def test_samples_have_no_problems():
+    for name in ("walk", "idle", "kick"):
+        assert [p for p in find_problems(jm.samples.load(name).motion) if p.serious] == []
+
+
+def test_not_a_number():
+    def spoil(q, p):
+        q[3:5, 1] = np.nan
+        p[7, 0, 0] = np.inf
+
+    assert found(changed(swinging(), spoil)) == [("nan", 7, 7, "Hips"), ("nan", 3, 4, "Arm")]
+
+
+def test_too_short():
+    assert found(swinging()[:1]) == [("empty", None, None, None)]
+    assert found(swinging()[:2]) == []
+
+
+@pytest.mark.parametrize("fps", [1.0, 27.0, 5000.0])
+def test_unusual_rates(fps):
+    motion = swinging()
+    odd = jm.Motion(motion.skeleton, motion.translations, motion.rotations, 1 / fps)
+    assert ("rate", None, None, None) in found(odd)
+
+
+def test_duplicates_and_still_clips():
+    index = np.r_[0:10, 9, 9, 9, 10:30, 29, 30:50]
+    motion = swinging()
+    held = motion.with_transforms(motion.translations[index], motion.rotations[index])
+    assert found(held) == [("duplicate", 10, 12, None), ("duplicate", 33, 33, None)]
+    still = motion.with_transforms(motion.translations[index * 0], motion.rotations[index * 0])
+    assert "nothing moves" in find_problems(still)[0].message
+
+
+def test_flips_are_notes():
+    def negate(q, p):
+        q[20:40, 2] *= -1
+
+    motion = changed(swinging(), negate)
+    assert found(motion) == [("flip", 20, 20, "Hand"), ("flip", 40, 40, "Hand")]
+    assert not any(p.serious for p in find_problems(motion))
+
+
+def test_jumps():
+    half_turn = np.array([0.0, 0.0, 1.0, 0.0])
+
+    def turn(q, p):
+        q[30:, 1] = np.asarray(jm.quaternion.multiply(q[30:, 1], half_turn))
+
+    problems = [p for p in find_problems(changed(swinging(), turn)) if p.kind == "jump"]
+    assert [(p.frame, p.joint) for p in problems] == [(30, "Arm")]
+    assert "turns 17" in problems[0].message
+
+
+def test_spikes_of_rotation_and_root():
+    def spike(q, p):
+        q[25, 2] = np.asarray(jm.quaternion.multiply(q[25, 2], jm.quaternion.exp(np.eye(3)[1])))
+        p[40, 0, 1] += 1.0
+
+    motion = changed(swinging(), spike)
+    assert found(motion) == [("spike", 25, 25, "Hand"), ("spike", 40, 40, "Hips")]
+    assert "57°" in find_problems(motion)[0].message
+
+
+def test_a_rest_pose_in_front():
+    def rest(q, p):
+        q[0] = [1, 0, 0, 0]
+        q[0, 1] = np.asarray(jm.quaternion.exp(np.array([0.0, 0.0, 1.5])))
+
+    [problem] = find_problems(changed(swinging(), rest))
+    assert (problem.kind, problem.frame) == ("first", 0)
+    assert "Arm" in problem.message
+
+
+def test_gimbal_lock_is_a_note():
+    angles = np.zeros((60, 3, 3))
+    angles[:, 2, 1] = np.radians(np.linspace(60, 100, 60))
+    motion = swinging(channels=[["Zrotation", "Xrotation", "Yrotation"]] * 3)
+    rotations = jm.quaternion.from_euler(angles, "ZXY")
+    locked = find_problems(motion.with_transforms(rotations=rotations))
+    [gimbal] = [p for p in locked if p.kind == "gimbal"]
+    assert gimbal.joint == "Hand"
+    frames = np.flatnonzero(np.abs(angles[:, 2, 1] - np.pi / 2) < np.radians(2))
+    assert (gimbal.frame, gimbal.last_frame) == (frames[0], frames[-1])
+    assert not gimbal.serious
+
+
+def test_kinds_are_listed():
+    assert set(KINDS) >= {"nan", "empty", "rate", "duplicate", "flip", "jump", "spike", "gimbal"}
+    assert "first" in KINDS
+
+
+def test_float32():
+    assert found(swinging().astype(np.float32)) == []
