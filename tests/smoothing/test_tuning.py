@@ -1,0 +1,160 @@
+"""λ and σ learned from data: known noise, dense criteria, every grouping."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from jaxmotion.smoothing import MotionTuning, lgs, tune
+from tests.helpers import random_motion, unchecked
+
+
+def from_the_prior(ratio, frames=600, channels=4, sigma=0.3, seed=0):
+    """Draws of the order-2 prior at λσ = ratio (scale "half") and noisy data of them."""
+    rng = np.random.default_rng(seed)
+    bends = rng.standard_normal((frames, channels)) * 2 * sigma / ratio
+    x = np.cumsum(np.cumsum(bends, 0), 0)
+    return x, x + sigma * rng.standard_normal(x.shape)
+
+
+def dense_parts(y, ratio, weights):
+    """Roughness precision and hat matrix of one channel, by dense algebra."""
+    n = len(y)
+    second = np.zeros((n - 2, n))
+    for j in range(n - 2):
+        second[j, j : j + 3] = [-0.5, 1, -0.5]
+    prior = ratio**2 * second.T @ second
+    return prior, np.linalg.solve(prior + np.diag(weights), np.diag(weights))
+
+
+def dense_criterion(name, y, log_ratio, weights):
+    """The module's F, all channels of ``y`` [n, C] sharing one ratio, without its constants."""
+    ratio = np.exp(log_ratio)
+    prior, hat = dense_parts(y, ratio, weights)
+    present = weights > 0
+    n, channels = present.sum(), y.shape[1]
+    if name == "evidence":
+        x = hat @ y
+        energy = np.sum(weights[:, None] * (y - x) ** 2) + np.sum(x * (prior @ x))
+        log_det = np.linalg.slogdet(prior + np.diag(weights))[1]
+        rest = log_det - (len(y) - 2) * 2 * log_ratio
+        return (n - 2) * channels * np.log(energy) + channels * rest
+    if name == "gcv":
+        rss = np.sum(weights[:, None] * (y - hat @ y) ** 2)
+        return np.log(rss) - 2 * np.log(1 - np.trace(hat) / n)
+    total = 0.0
+    for k in range(5):
+        kept = np.where(np.arange(len(y)) % 5 == k, 0, weights)
+        _, hat = dense_parts(y, ratio, kept)
+        out = np.arange(len(y)) % 5 == k
+        total += np.sum((weights[:, None] * (y - hat @ y) ** 2)[out])
+    return np.log(total)
+
+
+@pytest.mark.parametrize("criterion", ["evidence", "gcv", "holdout"])
+def test_the_choice_is_the_minimum_of_the_dense_criterion(criterion):
+    _, y = from_the_prior(20.0, frames=50, channels=2)
+    weights = np.random.default_rng(1).uniform(0.5, 2, 50)
+    weights[7:11] = 0
+    found = tune(y, criterion=criterion, per="clip", weights=weights)
+    want = minimize_scalar(
+        lambda s: dense_criterion(criterion, y, s, weights),
+        bracket=(np.log(5.0), np.log(20.0), np.log(100.0)),
+        options={"xtol": 1e-8},
+    )
+    assert np.log(float(found.lam * found.sigma)) == pytest.approx(want.x, abs=0.02)
+
+
+@pytest.mark.parametrize("criterion", ["evidence", "gcv", "holdout"])
+@pytest.mark.parametrize("ratio", [3.0, 100.0])
+def test_known_noise_is_found_and_the_error_is_near_the_best(criterion, ratio):
+    x, y = from_the_prior(ratio)
+    found = tune(y, criterion=criterion, per="clip")
+
+    def error(product):
+        return float(jnp.sqrt(jnp.mean((lgs(y, product, 1.0).mean - x) ** 2)))
+
+    assert float(found.sigma) == pytest.approx(0.3, rel=0.05)
+    best = min(error(r) for r in np.geomspace(ratio / 6, ratio * 6, 25))
+    assert error(float(found.lam * found.sigma)) <= 1.05 * best
+
+
+def test_groupings_share_what_they_say():
+    _, smooth = from_the_prior(100.0, frames=200, channels=3)
+    _, rough = from_the_prior(2.0, frames=200, channels=3, seed=1)
+    y = np.stack([smooth, rough], axis=1)
+    joint = tune(y, per="joint")
+    assert joint.lam.shape == (2,)
+    for j in range(2):
+        alone = tune(y[:, j], per="clip")
+        np.testing.assert_allclose(joint.lam[j], alone.lam, rtol=1e-9)
+        np.testing.assert_allclose(joint.sigma[j], alone.sigma, rtol=1e-9)
+    assert float(joint.lam[0] * joint.sigma[0]) > 10 * float(joint.lam[1] * joint.sigma[1])
+    channel = tune(y, per="channel")
+    assert channel.lam.shape == (2, 3)
+    np.testing.assert_allclose(channel.lam[1, 2], tune(y[:, 1, 2], per="clip").lam, rtol=1e-9)
+    clip = tune(y, per="clip")
+    assert clip.lam.shape == ()
+
+
+def test_missing_data_do_not_matter(dtype):
+    _, y = from_the_prior(20.0, frames=120)
+    y = y.astype(dtype)
+    weights = np.ones(y.shape, dtype)
+    weights[30:40, 1] = weights[70:, 2] = 0
+    broken = np.where(weights > 0, y, np.nan)
+    a, b = tune(broken, per="channel", weights=weights), tune(y, per="channel", weights=weights)
+    assert a.lam.dtype == dtype
+    np.testing.assert_array_equal(a.lam, b.lam)
+    short = tune(y[:70, 2:3], per="channel")
+    np.testing.assert_allclose(a.sigma[2], short.sigma[0], rtol=1e-3)
+
+
+def test_order_one_and_keys():
+    rng = np.random.default_rng(2)
+    x = np.cumsum(0.05 * rng.standard_normal((400, 3)), 0)
+    y = x + 0.2 * rng.standard_normal(x.shape)
+    found = tune(y, per="clip", order=1)
+    assert float(found.sigma) == pytest.approx(0.2, rel=0.1)
+    index = np.arange(200) * 2
+    keys = tune(y[::2], per="clip", index=index, num_frames=400)
+    assert np.isfinite(keys.lam)
+
+
+def test_units_scale_out():
+    _, y = from_the_prior(20.0, frames=100)
+    one, other = tune(y, per="clip"), tune(1000 * y, per="clip")
+    np.testing.assert_allclose(other.sigma, 1000 * one.sigma, rtol=1e-9)
+    np.testing.assert_allclose(other.lam, one.lam / 1000, rtol=1e-9)
+
+
+@pytest.mark.parametrize("y", [np.zeros((20, 3)), np.ones((2, 3)), np.zeros((1, 2)), np.eye(3)])
+def test_nothing_to_learn_gives_usable_parameters(y):
+    found = tune(y, per="clip")
+    assert float(found.lam) > 0
+    assert float(found.sigma) > 0
+    assert np.all(np.isfinite(lgs(y, found.lam, found.sigma).mean))
+
+
+def test_a_motion_gets_parameters_for_rotations_and_translations():
+    motion = random_motion(np.random.default_rng(3), 40, 3, translated=False)
+    found = tune(motion)
+    assert isinstance(found, MotionTuning)
+    assert found.rotations.lam.shape == found.translations.lam.shape == (3,)
+    np.testing.assert_array_equal(found.translations.lam[1:], 1)
+    clip = tune(motion, per="clip")
+    assert isinstance(clip, MotionTuning)
+    assert clip.translations.lam.shape == ()
+
+
+def test_no_gradient_passes_and_mistakes_are_named():
+    _, y = from_the_prior(20.0, frames=30)
+    slope = jax.grad(lambda y: jnp.sum(tune(y, per="clip").lam))(jnp.asarray(y))
+    np.testing.assert_array_equal(slope, 0)
+    with pytest.raises(ValueError, match="criterion='aic'"):
+        unchecked(tune)(y, criterion="aic")
+    with pytest.raises(ValueError, match="per='frame'"):
+        unchecked(tune)(y, per="frame")
+    with pytest.raises(ValueError, match="needs a signal"):
+        tune(random_motion(np.random.default_rng(4), 9, 2), per="channel")
