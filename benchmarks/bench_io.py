@@ -55,7 +55,7 @@ def test_read(race, clip):
         f"read BVH {clip.name}",
         lambda: jm.load(clip),
         peers,
-        goals={"pymotion": 40 / 12},
+        goals={"pymotion": 40 / 12} if "bandai" in str(clip) else None,
         amount=megabytes(clip),
     )
     np.testing.assert_array_equal(theirs["pymotion"].shape[:2], ours.rotations.shape[:2])
