@@ -3,6 +3,7 @@
 from jaxmotion.smoothing.lgs import Posterior, lgs
 from jaxmotion.smoothing.rotations import smooth_motion, smooth_quaternions
 from jaxmotion.smoothing.tuning import MotionTuning, Tuning, tune
+from jaxmotion.smoothing.windowed import windowed_lgs
 
 __all__ = [
     "MotionTuning",
@@ -12,4 +13,5 @@ __all__ = [
     "smooth_motion",
     "smooth_quaternions",
     "tune",
+    "windowed_lgs",
 ]

@@ -4,7 +4,8 @@
     rotvec    x = exp(lgs of log(q)): the exponential-map baseline; breaks where log wraps   Fig. 6
 
 Signs decide which way round a filter goes between two keys, so neighbours in time are first put in
-one hemisphere (``signs="nearest"``); frames of weight 0 take no part in that. O(T·J).
+one hemisphere (``signs="nearest"``); frames of weight 0 take no part in that. O(T·J). With
+``window=`` the components are cross-faded between windows before they are renormalised.
 
 Where smoothed components cancel (‖x‖ < 1e−6, only with λσ so large that samples half a turn apart
 are averaged) there is no mean rotation, and the identity is returned.
@@ -22,6 +23,7 @@ from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.lgs import lgs
+from jaxmotion.smoothing.windowed import windowed_lgs
 
 
 def smooth_quaternions(
@@ -36,13 +38,16 @@ def smooth_quaternions(
     scale: Literal["half", "unit"] = "half",
     representation: Literal["chordal", "rotvec"] = "chordal",
     signs: Literal["nearest", "input"] = "nearest",
+    window: int | None = None,
 ) -> Quaternion:
     """Smooth or resample rotations along axis 0.
 
     **Arguments:** ``q``: f[Nd, ..., 4], unit; ``lam``, ``sigma``: scalars, or broadcasting with
     q's middle axes (per joint), traced or not; ``index``, ``num_frames``, ``order``, ``scale``: as
     :func:`~jaxmotion.smoothing.lgs`; ``weights``: f[Nd] or f[Nd, ...] per joint, 0 for missing
-    data, whatever q holds there; ``signs``: "nearest" hemisphere along time, or the "input"'s own.
+    data, whatever q holds there; ``signs``: "nearest" hemisphere along time, or the "input"'s own;
+    ``window``: frames solved together, half of them shared with the next window and cross-faded
+    (paper: 120; see :func:`~jaxmotion.smoothing.windowed_lgs`; no index); None for all at once.
     **Returns:** f[Nf, ..., 4], unit.
     **Raises:** ``ValueError`` for shapes and options that do not fit; as ``lgs`` at run time.
     """
@@ -60,16 +65,17 @@ def smooth_quaternions(
         q = _filled(q, weights)
     if signs == "nearest":
         q = _aligned_in_time(q, index)
-    x = lgs(
+    x = _mean(
         q if representation == "chordal" else quaternion.log(q),
         _on_components(lam),
         _on_components(sigma),
+        window,
         index=index,
         num_frames=num_frames,
         order=order,
         weights=_squeezed(weights),
         scale=scale,
-    ).mean
+    )
     if representation == "rotvec":
         return quaternion.exp(x)
     cancelled = safe_norm(x, keepdims=True) < 1e-6
@@ -87,6 +93,7 @@ def smooth_motion(
     weights: ArrayLike | None = None,
     scale: Literal["half", "unit"] = "half",
     representation: Literal["chordal", "rotvec"] = "chordal",
+    window: int | None = None,
 ) -> Motion:
     """Smooth every joint's rotation, and the translations of the joints that are translated.
 
@@ -109,23 +116,45 @@ def smooth_motion(
         weights=weights,
         scale=scale,
         representation=representation,
+        window=window,
     )
     moved = np.asarray(motion.translated_joints, int)
     shape = (rotations.shape[0], motion.num_joints, 3)
     translations = jnp.broadcast_to(motion.translations[:1], shape)
     if moved.size:
-        smooth = lgs(
+        smooth = _mean(
             motion.translations[:, moved],
             _of_joints(lam, moved),
             _of_joints(sigma, moved),
+            window,
             index=index,
             num_frames=num_frames,
             order=order,
             weights=weights if weights is None or weights.ndim == 1 else weights[:, moved, None],
             scale=scale,
-        ).mean
+        )
         translations = translations.at[:, moved].set(smooth)
     return motion.with_transforms(translations, rotations)
+
+
+def _mean(
+    y: Array,
+    lam: ScalarLike,
+    sigma: ScalarLike,
+    window: int | None,
+    *,
+    index: ArrayLike | None,
+    num_frames: int | None,
+    **options,
+) -> Array:
+    if window is None:
+        return lgs(y, lam, sigma, index=index, num_frames=num_frames, **options).mean
+    if index is not None or num_frames not in (None, y.shape[0]):
+        raise ValueError(
+            f"window={window}: windows do not resample; expected no index and num_frames None, "
+            f"got num_frames={num_frames}"
+        )
+    return windowed_lgs(y, lam, sigma, window=window, **options)
 
 
 def _per_component(weights: Array, ndim: int) -> Array:
