@@ -14,10 +14,12 @@ passes. With ω the angular and v the linear velocity that a change (δr, δt) g
 
 and the sums over ancestors are the solve of (I − N) y = x, N the parent relation. Its transpose
 sums over descendants: reverse mode gathers forces and torques from the leaves to the root, level
-by level. Local rotations are normalised first, so the derivative along their length is zero.
+by level. Local rotations are normalised first, so the derivative along their length is zero; the
+zero quaternion stands for the identity.
 """
 
 from functools import partial
+from itertools import pairwise
 
 import equinox as eqx
 import jax
@@ -26,12 +28,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
-from jaxmotion._numerics import safe_norm
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion.algebra import multiply, rotate
 from jaxmotion.skeleton import Skeleton
 
-Lanes = Float[Array, "_ joint time"]
+Lanes = Float[Array, "_ joint #time"]
 
 
 class WorldPose(eqx.Module):
@@ -73,8 +74,9 @@ def _from_lanes(x: Array, batch: tuple[int, ...]) -> Array:
 def _normalize(q: Lanes) -> Lanes:
     w, x, y, z = jnp.unstack(q)
     squared = w * w + x * x + y * y + z * z
-    scale = jax.lax.rsqrt(jnp.where(squared > 0, squared, 1))
-    return jnp.stack([w * scale, x * scale, y * scale, z * scale])
+    usable = squared > 0
+    scale = jax.lax.rsqrt(jnp.where(usable, squared, 1))
+    return jnp.stack([jnp.where(usable, w * scale, 1), x * scale, y * scale, z * scale])
 
 
 def _rotate(q: Lanes, v: Lanes) -> Lanes:
@@ -101,7 +103,7 @@ class _Levels:
         # down[d][c]: the c-th child, in level d+1, of each joint of level d; the size means none.
         self.up = [np.zeros(1, int)]
         self.down = []
-        for above, below in zip(levels[:-1], levels[1:], strict=True):
+        for above, below in pairwise(levels):
             up = np.searchsorted(above, self.parents[below])
             kin = [np.flatnonzero(up == k) for k in range(len(above))]
             width = max(len(k) for k in kin)
@@ -260,13 +262,16 @@ def facing_direction(
         raise ValueError(
             "facing_direction: no left/right joints found by name; pass pairs=((left, right), ...)"
         )
-    left, right = np.asarray(pairs).T
     x = forward_kinematics(motion).positions
-    across = jnp.sum(x[..., left, :] - x[..., right, :], axis=-2)
+    left, right = (x[..., side, :] for side in np.asarray(pairs).T)
     up = jnp.asarray(np.eye(3)["xyz".index(motion.skeleton.up)], x.dtype)
-    forward = jnp.cross(across, up)
-    length = safe_norm(forward, keepdims=True)
-    return forward / jnp.where(length > 0, length, 1)
+    forward = jnp.cross(jnp.sum(left - right, axis=-2), up)
+    squared = jnp.sum(forward**2, -1, keepdims=True)
+    # Below this the positions' rounding alone would point somewhere.
+    rounding = 8 * float(jnp.finfo(x.dtype).eps)
+    least = rounding**2 * jnp.sum(left**2 + right**2, axis=(-2, -1))[..., None]
+    usable = squared > least
+    return jnp.where(usable, forward * jax.lax.rsqrt(jnp.where(usable, squared, 1)), 0)
 
 
 def _body_pairs(skeleton: Skeleton) -> tuple[tuple[int, int], ...]:

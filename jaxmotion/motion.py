@@ -57,6 +57,10 @@ class Motion(eqx.Module):
                 f"Motion: translations must have shape {(*shape[:-1], 3)} like the rotations, "
                 f"got {np.shape(translations)}"
             )
+        if any(not 0 <= j < joints for j in translated_joints or ()):
+            raise ValueError(
+                f"Motion: translated_joints must lie in 0..{joints - 1}, got {translated_joints}"
+            )
         self.skeleton = skeleton
         self.translations = translations
         self.rotations = rotations
@@ -102,9 +106,10 @@ class Motion(eqx.Module):
         return 1.0 / self.frame_time
 
     @property
-    def times(self) -> Float[Array, " time"]:
+    def times(self) -> Float[Array, "*batch time"]:
         """Time of each frame in seconds, starting at 0."""
-        return jnp.arange(self.num_frames, dtype=self.rotations.dtype) * self.frame_time
+        frames = jnp.arange(self.num_frames, dtype=self.rotations.dtype)
+        return frames * self.frame_time[..., None]
 
     @property
     def dtype(self):
@@ -114,7 +119,7 @@ class Motion(eqx.Module):
     def __len__(self) -> int:
         return self.num_frames
 
-    def __getitem__(self, frames: slice | int) -> "Motion":
+    def __getitem__(self, frames: slice | int | np.integer) -> "Motion":
         """The chosen frames as a clip: a slice, or one frame by number (T = 1).
 
         **Raises:** ``ValueError`` for anything else, or no frames; ``IndexError`` out of range.

@@ -127,6 +127,11 @@ class Skeleton(eqx.Module):
                 f"Skeleton: end_joints names {ends} end sites, but end_offsets has shape "
                 f"{np.shape(self.end_offsets)} and end_labels {len(self.end_labels)} entries"
             )
+        for i, j in enumerate(self.end_joints):
+            if not 0 <= j < joints:
+                raise ValueError(
+                    f"Skeleton: end_joints[{i}] is {j}; expected a joint, 0..{joints - 1}"
+                )
         if len(self.channels) != joints:
             raise ValueError(
                 f"Skeleton: channels must have {joints} entries, got {len(self.channels)}"

@@ -9,12 +9,15 @@ are numpy or SciPy and share no code with the library.
     random_quaternions / random_vectors / random_skeleton / random_motion
     assert_same_rotation(a, b)       q and −q agree; tolerance in radians
     world_by_matrices(motion)        forward kinematics by 4x4 matrices, joint by joint
+    no_shape_checks()                the library as users run it, for the errors they see
 """
 
 import inspect
+from contextlib import contextmanager
 
 import jax
 import jax.numpy as jnp
+import jaxtyping
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -202,3 +205,14 @@ def world_by_matrices(motion: Motion):
 def unchecked(f):
     """``f`` without the annotation checks of the test session, to see its own error messages."""
     return inspect.unwrap(f)
+
+
+@contextmanager
+def no_shape_checks():
+    """Switch off the run-time annotation checks that tests run under, to meet the ValueError that
+    a user would."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    try:
+        yield
+    finally:
+        jaxtyping.config.update("jaxtyping_disable", False)

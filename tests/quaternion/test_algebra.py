@@ -11,6 +11,7 @@ from tests.helpers import (
     assert_jit_and_vmap_agree,
     assert_same_rotation,
     check_gradients,
+    no_shape_checks,
     random_quaternions,
     random_vectors,
     scipy_rotation,
@@ -192,3 +193,19 @@ def test_align_signs_keeps_dtype_and_passes_gradients_through(dtype):
 def test_align_signs_refuses_axes_that_are_not_before_the_last(axis):
     with pytest.raises(ValueError, match=rf"align_signs: axis={axis} of an array of shape"):
         qt.align_signs(np.ones((5, 3, 4)), axis=axis)
+
+
+def test_wrong_components_are_refused_by_name():
+    q, v = np.ones((5, 4)), np.ones((5, 3))
+    calls = [
+        (qt.multiply, (v, q), r"a must have shape \(\.\.\., 4\), got \(5, 3\)"),
+        (qt.multiply, (q, v), r"b must have shape \(\.\.\., 4\), got \(5, 3\)"),
+        (qt.rotate, (q, q), r"v must have shape \(\.\.\., 3\), got \(5, 4\)"),
+        (qt.log, (np.ones(()),), r"q must have shape \(\.\.\., 4\), got \(\)"),
+        (qt.exp, (q,), r"v must have shape"),
+        (qt.to_euler, (v,), r"q must have shape"),
+        (qt.from_euler, (q,), r"angles must have shape"),
+    ]
+    for function, given, message in calls:
+        with no_shape_checks(), pytest.raises(ValueError, match=message):
+            function(*given)

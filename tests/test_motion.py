@@ -1,0 +1,181 @@
+"""Clips: slicing, copies with other arrays, and their life as pytrees."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxmotion import Motion
+from tests.helpers import assert_trees_close, no_shape_checks, random_motion, random_skeleton
+
+
+@pytest.fixture
+def motion():
+    rng = np.random.default_rng(0)
+    skeleton = random_skeleton(rng, 4)
+    clip = random_motion(rng, 10, skeleton)
+    return Motion(
+        skeleton,
+        clip.translations,
+        clip.rotations,
+        0.04,
+        translated_joints=(0, 2),
+        frame_time_text=".0400",
+    )
+
+
+def test_views(motion):
+    assert len(motion) == motion.num_frames == 10
+    assert motion.num_joints == 4
+    assert motion.dtype == np.float64
+    np.testing.assert_array_equal(motion.root_positions, motion.translations[:, 0])
+    np.testing.assert_allclose(motion.fps, 25)
+    np.testing.assert_allclose(motion.times, 0.04 * np.arange(10))
+
+
+@pytest.mark.parametrize(
+    ("frames", "factor"),
+    [
+        (slice(2, 7), 1),
+        (slice(None), 1),
+        (slice(-3, None), 1),
+        (slice(None, 100), 1),
+        (slice(None, None, 3), 3),
+        (slice(8, 1, -2), 2),
+        (slice(None, None, -1), 1),
+        (slice(4, 5), 1),
+    ],
+)
+def test_slices_run_along_time_and_keep_the_rate(motion, frames, factor):
+    part = motion[frames]
+    np.testing.assert_array_equal(part.rotations, motion.rotations[frames])
+    np.testing.assert_array_equal(part.translations, motion.translations[frames])
+    np.testing.assert_allclose(part.frame_time, 0.04 * factor, 1e-15)
+    assert part.frame_time_text == (".0400" if factor == 1 else None)
+    assert part.translated_joints == (0, 2)
+    assert part.skeleton is motion.skeleton
+
+
+def test_one_frame_by_number(motion):
+    for frame in (0, 3, -1, -10, np.int64(4)):
+        part = motion[frame]
+        assert part.num_frames == 1
+        np.testing.assert_array_equal(part.rotations[0], motion.rotations[frame])
+        np.testing.assert_allclose(part.frame_time, 0.04)
+    for frame in (10, -11):
+        with pytest.raises(IndexError, match=f"frame {frame} of a motion of 10 frames"):
+            motion[frame]
+
+
+def test_slices_that_are_refused(motion):
+    for frames in (slice(5, 5), slice(20, 30), slice(7, 2)):
+        with pytest.raises(ValueError, match="leaves none of the motion's 10 frames"):
+            motion[frames]
+    for frames in ((0, 1), "3", [1, 2], np.arange(3), 1.0, None):
+        with (
+            no_shape_checks(),
+            pytest.raises(ValueError, match=r"sliced along time, motion\[10:90\]; got"),
+        ):
+            motion[frames]
+
+
+def test_iteration_gives_single_frames_and_ends(motion):
+    frames = list(motion)
+    assert len(frames) == 10
+    assert all(frame.num_frames == 1 for frame in frames)
+
+
+def test_slices_of_many_clips():
+    batch = random_motion(np.random.default_rng(1), 6, 3, batch=(2,))
+    part = batch[1:5:2]
+    assert part.rotations.shape == (2, 2, 3, 4)
+    np.testing.assert_array_equal(part.rotations, batch.rotations[:, 1:5:2])
+    np.testing.assert_allclose(part.frame_time, batch.frame_time * 2)
+    np.testing.assert_allclose(batch.times, np.arange(6) / 30 * np.ones((2, 1)), 1e-14)
+
+
+def test_with_transforms_and_astype(motion):
+    other = motion.with_transforms(
+        rotations=motion.rotations[:3], translations=motion.translations[:3]
+    )
+    assert other.num_frames == 3
+    assert other.frame_time_text == ".0400"
+    assert other.translated_joints == (0, 2)
+    assert_trees_close(motion.with_transforms(), motion, 0, 0)
+    single = motion.astype(np.float32)
+    assert {leaf.dtype for leaf in jax.tree.leaves(single)} == {np.dtype(np.float32)}
+    assert_trees_close(single.astype(np.float64), motion, 1e-6, 1e-6)
+    with pytest.raises(ValueError, match=r"translations must have shape \(3, 4, 3\)"):
+        motion.with_transforms(rotations=motion.rotations[:3])
+
+
+def test_from_root_keeps_offsets(dtype):
+    rng = np.random.default_rng(2)
+    skeleton = random_skeleton(rng, 4, dtype=dtype)
+    q = np.tile(np.eye(4, dtype=dtype)[0], (5, 4, 1))
+    root = rng.standard_normal((5, 3)).astype(dtype)
+    motion = Motion.from_root(skeleton, root, q, 0.1)
+    assert motion.translated_joints == (0,)
+    assert motion.dtype == motion.translations.dtype == motion.frame_time.dtype == dtype
+    np.testing.assert_array_equal(motion.root_positions, root)
+    np.testing.assert_array_equal(
+        motion.translations[:, 1:], np.broadcast_to(skeleton.offsets[1:], (5, 3, 3))
+    )
+
+
+def test_by_default_every_joint_may_be_translated():
+    motion = random_motion(np.random.default_rng(3), 2, 3)
+    assert motion.translated_joints == (0, 1, 2)
+
+
+def test_shapes_that_do_not_fit(motion):
+    q, t = motion.rotations, motion.translations
+    for wrong in (q[:, :3], q[..., :3], q[0]):
+        with pytest.raises(ValueError, match=r"rotations must have shape \(T, 4, 4\), got"):
+            Motion(motion.skeleton, t, wrong, 0.04)
+    with pytest.raises(ValueError, match=r"translations must have shape \(10, 4, 3\) like the rot"):
+        Motion(motion.skeleton, t[:9], q, 0.04)
+    for joints in ((4,), (-1,)):
+        with pytest.raises(ValueError, match="translated_joints"):
+            Motion(motion.skeleton, t, q, 0.04, translated_joints=joints)
+
+
+def test_numpy_arrays_do(motion):
+    on_host = Motion(
+        motion.skeleton, np.asarray(motion.translations), np.asarray(motion.rotations), 0.04
+    )
+    assert on_host[2:4].num_frames == 2
+    assert len(jax.tree.leaves(on_host)) == 5
+
+
+def test_pytree_round_trip_and_equality(motion):
+    leaves, structure = jax.tree.flatten(motion)
+    again = jax.tree.unflatten(structure, leaves)
+    assert eqx.tree_equal(again, motion)
+    assert not eqx.tree_equal(motion[1:], motion)
+    assert not eqx.tree_equal(eqx.tree_at(lambda m: m.rotations, motion, -motion.rotations), motion)
+    mapped = jax.tree.map(lambda x: x, motion)
+    assert mapped.frame_time_text == ".0400"
+
+
+def test_topology_is_static_under_jit(motion):
+    traces = []
+
+    @jax.jit
+    def shifted(motion):
+        traces.append(motion.skeleton.names)
+        return motion.with_transforms(motion.translations + 1.0)[2:]
+
+    moved = shifted(motion)
+    assert isinstance(moved, Motion)
+    assert moved.skeleton.parents == motion.skeleton.parents
+    np.testing.assert_array_equal(moved.translations, motion.translations[2:] + 1)
+    shifted(motion.with_transforms(motion.translations * 2))
+    assert len(traces) == 1
+
+
+def test_vmap_over_clips(motion):
+    stacked = jax.tree.map(lambda x: jnp.stack([x, 2 * x]), motion)
+    ends = jax.vmap(lambda m: m[-1].root_positions)(stacked)
+    np.testing.assert_array_equal(ends[1], 2 * motion.root_positions[-1:])
