@@ -1,0 +1,265 @@
+"""Smoothing a live stream: one frame in, one frame out, ``lag`` frames late.
+
+    returned at frame t:  x_{t-lag} of the LGS (order 2) of frames 0 .. t
+
+The recursion of ``linalg.difference_chain``, run as frames arrive. Keep the information about
+s = (x_t, v_t) given frames 0 .. t, and every frame of the window as a linear function of s,
+
+    x_j = phi_j + u_j x_t + w_j v_t  + what later frames cannot change,       j = t - lag .. t
+
+Eliminating v_t and writing x_t = x+ - v+, v_t = rho v+ - beta x_t + k / D, gives
+
+    phi' = phi + w k / D        u' = u - beta w        w' = rho w - u'
+
+for the whole window at once: no pass backwards, and no prior guess of the first frames is needed.
+
+    lam, sigma  as for ``lgs``; only their product matters here        lag  frames of delay
+    y           frame ``(*channels,)``, any unit; rotations: ``(*joints, 4)`` unit quaternions
+
+Cost O(lag) a frame and in memory, whatever the length of the stream. The gains ``u, w, beta`` are
+shared by all channels that share lam, sigma and weight. What frames after t would still change in
+x_{t-lag} falls as exp(-lag / sqrt(2 rho)), rho = lam sigma in unit, half of it in half scale.
+
+Rotations are smoothed as in Eq. 11 of Eom et al. (2019): each frame takes the sign nearest to the
+last one seen, the four components are smoothed, and the result is renormalised.
+
+Source: the information filter and fixed-lag smoother of an integrated random walk (Anderson and
+Moore, *Optimal Filtering*, 1979, ch. 7).
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from jaxmotion import quaternion
+from jaxmotion._numerics import safe_norm
+from jaxmotion._types import ArrayLike
+from jaxmotion.linalg.difference_chain import State, eliminate
+
+
+class StreamState(eqx.Module):
+    """What a stream remembers; ``(*k)`` is the shape of lam, sigma and the weights together."""
+
+    information: State  # about (x_t, v_t), each (*k)
+    vector: tuple[Array, Array]  # information vector (h, k), each (*channels)
+    offset: Float[Array, "window *channels"]  # phi, oldest frame first
+    gains: tuple[Array, Array]  # u and w, each (window, *k)
+    level: Float[Array, "*channels"]  # first value seen; all else is relative to it
+    seen: Int[Array, "..."]  # frames seen, up to 2, (*k)
+    curvature: Float[Array, "..."]  # penalty of v_{t+1} - v_t from the next frame on, (*k)
+    reference: Float[Array, "*channels"]  # last frame seen, signs aligned
+    frame: Int[Array, ""]  # frames taken in
+
+
+class StreamingSmoother(eqx.Module):
+    """The LGS of a stream, ``lag`` frames late: pure ``init``, ``step`` and ``flush``.
+
+    lam, sigma: prior precision and noise std, > 0; scalars or arrays that broadcast to the
+        channels of a frame (for rotations, to its joints).
+    lag: frames of delay, >= 0; 0 filters.
+    scale: "half" or "unit", as for :func:`~jaxmotion.smoothing.lgs`.
+    rotations: frames are unit quaternions ``(*joints, 4)``.
+
+        smoother = StreamingSmoother(lam, sigma, lag=30, rotations=True)
+        state, late = jax.lax.scan(smoother.step, smoother.init(q[0]), q)
+        smooth = jnp.concatenate([late[30:], smoother.flush(state)])
+
+    Differentiable in lam, sigma and the frames. Raises ValueError for what does not fit.
+    """
+
+    lam: Float[Array, "..."]
+    sigma: Float[Array, "..."]
+    lag: int = eqx.field(static=True)
+    scale: str = eqx.field(static=True)
+    rotations: bool = eqx.field(static=True)
+
+    def __init__(
+        self,
+        lam: ArrayLike,
+        sigma: ArrayLike,
+        *,
+        lag: int = 30,
+        scale: str = "half",
+        rotations: bool = False,
+    ):
+        if lag < 0:
+            raise ValueError(f"lag={lag}: want 0 frames or more")
+        if scale not in ("half", "unit"):
+            raise ValueError(f"scale={scale!r}: want 'half' or 'unit'")
+        self.lam, self.sigma = _checked("lam", lam), _checked("sigma", sigma)
+        self.lag, self.scale, self.rotations = lag, scale, rotations
+
+    def init(self, frame: ArrayLike, weight: ArrayLike = 1.0) -> StreamState:
+        """State before the first frame. Only shapes and dtype of ``frame`` and ``weight``, examples
+        of what ``step`` will get, are used: weights per channel or joint need their own gains."""
+        frame = self._as_frame(frame)
+        k = self._shape(frame.shape, np.shape(weight))
+        rate = 1.0 if self.scale == "unit" else 0.25
+        lam, sigma = (
+            self._spread(value.astype(frame.dtype), frame.ndim) for value in (self.lam, self.sigma)
+        )
+        curvature = jnp.broadcast_to(rate * (lam * sigma) ** 2, k)
+        none, blank = jnp.zeros(k, frame.dtype), jnp.zeros_like(frame)
+        window = (self.lag + 1, *k)
+        return StreamState(
+            State(none, none, none + 1),
+            (blank, blank),
+            jnp.zeros((self.lag + 1, *frame.shape), frame.dtype),
+            (jnp.ones(window, frame.dtype), jnp.zeros(window, frame.dtype)),
+            blank,
+            jnp.zeros(k, jnp.int32),
+            curvature,
+            blank,
+            jnp.zeros((), jnp.int32),
+        )
+
+    @jax.jit
+    def step(
+        self, state: StreamState, frame: ArrayLike, weight: ArrayLike = 1.0
+    ) -> tuple[StreamState, Float[Array, "*channels"]]:
+        """Take in frame t, return frame ``t - lag``; until there is one, frame 0 as known so far.
+
+        weight: >= 0, divides the noise variance; 0, or any NaN or infinity among the channels that
+            share it, means a missing frame. A scalar, or as in ``init``.
+        """
+        frame = self._as_frame(frame)
+        if frame.shape != state.level.shape or frame.dtype != state.level.dtype:
+            raise ValueError(
+                f"frame is {frame.dtype} {frame.shape}: the stream has {state.level.dtype} "
+                f"{state.level.shape}"
+            )
+        weight = self._weight(weight, frame, state.curvature.shape)
+        frame = jnp.where(weight > 0, frame, state.reference)
+        if self.rotations:
+            flip = jnp.sum(frame * state.reference, -1, keepdims=True) < 0
+            frame = jnp.where(flip, -frame, frame)
+        state = _observe(_advance(state), frame, weight)
+        x, v = _filtered(state)
+        u, w = state.gains
+        return state, self._finish(state.level + state.offset[0] + u[0] * x + w[0] * v)
+
+    @jax.jit
+    def flush(self, state: StreamState) -> Float[Array, "lag *channels"]:
+        """The last ``lag`` frames, not returned yet, given all frames; where fewer were taken in,
+        those before the first repeat it."""
+        x, v = _filtered(state)
+        u, w = state.gains
+        return self._finish(state.level + state.offset + u * x + w * v)[1:]
+
+    def _finish(self, x: Array) -> Array:
+        if not self.rotations:
+            return x
+        return quaternion.normalize(jnp.where(safe_norm(x, keepdims=True) < 1e-6, 0, x))
+
+    def _as_frame(self, frame: ArrayLike) -> Array:
+        frame = jnp.asarray(frame)
+        if frame.dtype not in (jnp.float32, jnp.float64):
+            raise ValueError(f"frame has dtype {frame.dtype}: want float32 or float64")
+        if self.rotations and frame.shape[-1:] != (4,):
+            raise ValueError(f"frame has shape {frame.shape}: want quaternions (*joints, 4)")
+        return frame
+
+    def _spread(self, value: Array, ndim: int) -> Array:
+        """With one axis for each channel axis; quaternions' components share their joint's."""
+        if self.rotations and value.ndim:
+            value = value[..., None]
+        return value.reshape((1,) * (ndim - value.ndim) + value.shape)
+
+    def _shape(self, channels: tuple[int, ...], weight: tuple[int, ...]) -> tuple[int, ...]:
+        shapes = {"lam": self.lam.shape, "sigma": self.sigma.shape, "weight": weight}
+        k = (1,) * len(channels)
+        for name, shape in shapes.items():
+            own = (*shape, 1) if self.rotations and shape else shape
+            padded = (1,) * (len(channels) - len(own)) + own
+            if len(padded) != len(k) or any(
+                s not in (1, c) for s, c in zip(padded, channels, strict=True)
+            ):
+                raise ValueError(
+                    f"{name} has shape {shape}: want a scalar or an array that broadcasts to the "
+                    f"{'joints' if self.rotations else 'channels'} of a frame, "
+                    f"{channels[:-1] if self.rotations else channels}"
+                )
+            k = tuple(np.broadcast_shapes(k, padded))
+        return k
+
+    def _weight(self, weight: ArrayLike, frame: Array, k: tuple[int, ...]) -> Array:
+        """``(*k)``; 0 where the frame is not finite."""
+        if self._shape(frame.shape, np.shape(weight)) != k and np.ndim(weight):
+            raise ValueError(
+                f"weight has shape {np.shape(weight)}: give init one of that shape, so that each "
+                "has its own gains"
+            )
+        w = jnp.asarray(weight, frame.dtype)
+        w = eqx.error_if(w, ~jnp.all((w >= 0) & jnp.isfinite(w)), "weight must be finite and >= 0")
+        shared = tuple(axis for axis, size in enumerate(k) if size == 1)
+        whole = jnp.all(jnp.isfinite(frame), axis=shared, keepdims=True)
+        return jnp.where(whole, self._spread(w, frame.ndim), 0)
+
+
+def _advance(state: StreamState) -> StreamState:
+    """Eliminate v_t and write everything as functions of (x_{t+1}, v_{t+1})."""
+    # v_0 is no difference of frames: nothing ties v_1 to it.
+    curvature = jnp.where(state.frame == 1, 0, state.curvature)
+    information, beta, inverse_pivot = eliminate(state.information, curvature)
+    rho = curvature * inverse_pivot
+    (h, k), (u, w) = state.vector, state.gains
+    offset = k * inverse_pivot
+    h = h - beta * k
+    u_next = u - beta * w
+    return eqx.tree_at(
+        lambda s: (s.information, s.vector, s.offset, s.gains),
+        state,
+        (
+            information,
+            (h, curvature * offset - h),
+            state.offset + w * offset,
+            (u_next, rho * w - u_next),
+        ),
+    )
+
+
+def _observe(state: StreamState, frame: Array, weight: Array) -> StreamState:
+    """Add the frame's information, and the frame itself to the window's end."""
+    present = weight > 0
+    level = jnp.where((state.seen == 0) & present, frame, state.level)
+    (h, k), (u, w) = state.vector, state.gains
+    information = eqx.tree_at(
+        lambda s: s.position, state.information, state.information.position + weight
+    )
+    return StreamState(
+        information,
+        (h + weight * (frame - level), k),
+        jnp.concatenate([state.offset[1:], jnp.zeros_like(frame)[None]]),
+        (
+            jnp.concatenate([u[1:], jnp.ones_like(u[:1])]),
+            jnp.concatenate([w[1:], jnp.zeros_like(w[:1])]),
+        ),
+        level,
+        jnp.minimum(state.seen + present.astype(state.seen.dtype), 2),
+        state.curvature,
+        frame,
+        state.frame + 1,
+    )
+
+
+def _filtered(state: StreamState) -> tuple[Array, Array]:
+    """(x_t, v_t) given frames 0 .. t; with fewer than two seen, at rest at the first."""
+    a, b, d = state.information
+    h, k = state.vector
+    known = state.seen == 2
+    beta = jnp.where(known, b / d, 0)
+    x = jnp.where(known, h - beta * k, 0) / jnp.where(known, a - beta * b, 1)
+    return x, jnp.where(known, k / d - beta * x, 0)
+
+
+def _checked(name: str, value: ArrayLike) -> Array:
+    if not isinstance(value, jax.Array):
+        value = np.asarray(value)
+        if not np.all((value > 0) & np.isfinite(value)):
+            raise ValueError(f"{name} must be positive and finite, got {value}")
+        value = jnp.asarray(value, jnp.result_type(float))
+    return eqx.error_if(
+        value, ~jnp.all((value > 0) & jnp.isfinite(value)), f"{name} must be positive and finite"
+    )
