@@ -1,0 +1,208 @@
+"""The house rules that a machine can keep: floors, sizes, no stubs, public names that exist.
+
+A room is a top-level module or package of jaxmotion. Imports point down the floors; on one floor
+only the pairs in ``SIDEWAYS`` may meet. A new room is given a floor here first.
+"""
+
+import ast
+import importlib
+import pkgutil
+from pathlib import Path
+
+import pytest
+
+import jaxmotion
+
+PACKAGE = Path(jaxmotion.__file__).parent
+FLOORS = (
+    ("_types", "_numerics"),
+    ("quaternion", "linalg"),
+    ("skeleton", "motion", "kinematics", "displacement", "confine", "io", "samples"),
+    ("smoothing", "timing"),
+    ("layers", "multiresolution", "style", "cleaning", "contacts", "spacetime"),
+    ("metrics", "viz", "corpus"),
+    ("cli", "__main__"),
+)
+FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
+# Skeleton and Motion are what the rest of their floor speaks; the others are services to an edit.
+SIDEWAYS = {
+    "motion": {"skeleton"},
+    "kinematics": {"skeleton", "motion"},
+    "displacement": {"skeleton", "motion"},
+    "confine": {"skeleton", "motion", "displacement"},
+    "io": {"skeleton", "motion"},
+    "samples": {"skeleton", "motion", "kinematics"},
+    "layers": {"contacts", "spacetime"},
+    "style": {"contacts", "spacetime"},
+    "cleaning": {"contacts", "spacetime"},
+    "__main__": {"cli"},
+}
+LINES_A_FILE = 400
+LINES_A_FUNCTION = 80
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+TREES = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
+# The top __init__ only names what lives below.
+INSIDE = [path for path in FILES if path != PACKAGE / "__init__.py"]
+
+
+def _name(path):
+    return str(path.relative_to(PACKAGE))
+
+
+def _room(path):
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def _imports(path):
+    """(line, dotted path inside jaxmotion) of every import, inside functions too."""
+    package = path.relative_to(PACKAGE.parent).parent.parts
+    for node in ast.walk(TREES[path]):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name.split(".")
+        elif isinstance(node, ast.ImportFrom):
+            origin = list(package[: len(package) + 1 - node.level]) if node.level else []
+            origin += node.module.split(".") if node.module else []
+            for alias in node.names:
+                yield node.lineno, [*origin, alias.name]
+
+
+def _rooms_imported(path):
+    for line, (top, *inner) in _imports(path):
+        if top == "jaxmotion" and inner and not inner[0].startswith("__"):
+            yield line, jaxmotion._HOMES.get(inner[0], inner[0])
+
+
+def test_every_room_has_a_floor():
+    homeless = {_room(path) for path in INSIDE} - set(FLOOR_OF)
+    assert not homeless, f"give {sorted(homeless)} a floor in FLOORS"
+
+
+def test_imports_point_down():
+    wrong = []
+    for path in INSIDE:
+        here = _room(path)
+        for line, there in _rooms_imported(path):
+            below = FLOOR_OF[there] < FLOOR_OF[here]
+            if not (below or there == here or there in SIDEWAYS.get(here, ())):
+                wrong.append(f"{_name(path)}:{line}: {here} imports {there}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_the_check_sees_every_way_to_import():
+    """The walk itself: an upward import in each form is found."""
+    forms = (
+        "import jaxmotion.cli",
+        "from jaxmotion import cli",
+        "from jaxmotion.cli import main",
+        "from ..cli import main",
+        "def f():\n    from .. import cli",
+        "from jaxmotion import decompose",
+    )
+    path = PACKAGE / "quaternion" / "imagined.py"
+    for source in forms:
+        TREES[path] = ast.parse(source)
+        try:
+            ((_, room),) = _rooms_imported(path)
+        finally:
+            del TREES[path]
+        assert room in ("cli", "layers"), source
+
+
+@pytest.mark.parametrize("word", ["TODO", "FIXME", "XXX", "NotImplementedError"])
+def test_nothing_is_left_unfinished(word):
+    found = [
+        f"{_name(path)}:{i}"
+        for path in FILES
+        for i, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if word in line
+    ]
+    assert not found, f"{word} in {found}"
+
+
+def _functions(path):
+    for node in ast.walk(TREES[path]):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            yield node
+
+
+def test_no_function_is_a_stub():
+    stubs = []
+    for path in FILES:
+        for function in _functions(path):
+            body = function.body[1:] if ast.get_docstring(function) else function.body
+            empty = all(
+                isinstance(node, ast.Pass)
+                or (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant))
+                for node in body
+            )
+            described = ast.get_docstring(function) and function.decorator_list  # click groups
+            if empty and not described:
+                stubs.append(f"{_name(path)}:{function.lineno}: {function.name}")
+    assert not stubs, "\n".join(stubs)
+
+
+def test_sizes():
+    large = []
+    for path in FILES:
+        lines = len(path.read_text(encoding="utf-8").splitlines())
+        if lines > LINES_A_FILE:
+            large.append(f"{_name(path)} has {lines} lines, at most {LINES_A_FILE}")
+        for function in _functions(path):
+            size = (function.end_lineno or function.lineno) - function.lineno + 1
+            if size > LINES_A_FUNCTION:
+                large.append(f"{_name(path)}: {function.name} has {size} lines")
+    assert not large, "\n".join(large)
+
+
+def test_modules_and_public_names_have_docstrings():
+    bare = []
+    for path in FILES:
+        tree = TREES[path]
+        if not ast.get_docstring(tree):
+            bare.append(_name(path))
+        for node in tree.body:
+            public = isinstance(node, (ast.FunctionDef, ast.ClassDef)) and node.name[0] != "_"
+            if public and not ast.get_docstring(node):
+                bare.append(f"{_name(path)}: {node.name}")
+    assert not bare, "\n".join(bare)
+
+
+def test_only_the_command_line_changes_global_settings():
+    guilty = []
+    for path in FILES:
+        if _room(path) == "cli":
+            continue
+        for node in ast.walk(TREES[path]):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                text = ast.unparse(node.func)
+                if text in ("jax.config.update", "np.seterr", "numpy.seterr"):
+                    guilty.append(f"{_name(path)}:{node.lineno}: {text}")
+                if text in ("warnings.simplefilter", "warnings.filterwarnings") and not any(
+                    "catch_warnings" in ast.unparse(item.context_expr)
+                    for block in ast.walk(TREES[path])
+                    if isinstance(block, ast.With) and node in ast.walk(block)
+                    for item in block.items
+                ):
+                    guilty.append(f"{_name(path)}:{node.lineno}: {text} outside catch_warnings")
+    assert not guilty, "\n".join(guilty)
+
+
+def test_every_module_imports_and_every_public_name_exists():
+    names = [info.name for info in pkgutil.walk_packages([str(PACKAGE)], "jaxmotion.")]
+    for name in ["jaxmotion", *names]:
+        if name.endswith(".__main__"):
+            continue
+        module = importlib.import_module(name)
+        public = getattr(module, "__all__", [])
+        assert len(set(public)) == len(public), f"{name}.__all__ repeats a name"
+        for attribute in public:
+            assert getattr(module, attribute) is not None, f"{name}.{attribute}"
+
+
+def test_lazy_names_are_public_and_unknown_ones_are_refused():
+    assert set(jaxmotion._HOMES) | set(jaxmotion._MODULES) == set(jaxmotion.__all__)
+    assert set(jaxmotion.__all__) <= set(dir(jaxmotion))
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        jaxmotion.nothing  # noqa: B018

@@ -1,0 +1,63 @@
+"""Importing is cheap and leaves the process as it found it. Each check has a Python of its own."""
+
+import subprocess
+import sys
+import textwrap
+
+
+def _run(code):
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_importing_does_not_import_jax():
+    _run("""
+        import sys, jaxmotion
+        assert "jax" not in sys.modules
+        assert "Motion" in dir(jaxmotion)
+        assert "jax" not in sys.modules
+    """)
+
+
+def test_help_does_not_import_jax():
+    help_text = _run("""
+        import sys
+        from jaxmotion.cli import main
+        sys.argv = ["jaxmotion", "--help"]
+        try:
+            main()
+        except SystemExit as leaving:
+            assert not leaving.code
+        assert "jax" not in sys.modules
+    """)
+    assert "denoise" in help_text
+
+
+def test_use_changes_no_setting_and_no_warning_filter():
+    _run("""
+        import warnings
+        import equinox, jax, jaxtyping, lineax, numpy, optimistix
+
+        def settings():
+            return (
+                dict(jax.config.values), list(warnings.filters), numpy.geterr(),
+                numpy.get_printoptions(),
+            )
+
+        before = settings()
+        import jaxmotion as jm
+        for name in jm.__all__:
+            getattr(jm, name)
+        skeleton = jm.Skeleton(["root", "tip"], [-1, 0], numpy.ones((2, 3), "float32"))
+        q = jm.quaternion.identity((4, 2), "float32")
+        motion = jm.Motion.from_root(skeleton, numpy.zeros((4, 3), "float32"), q, 0.1)
+        pose = jm.forward_kinematics(motion)
+        assert pose.positions.dtype == "float32"
+        assert jm.quaternion.mean(q).dtype == "float32"
+        after = settings()
+        for a, b in zip(before, after):
+            assert a == b, (a, b)
+    """)
