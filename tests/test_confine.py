@@ -51,6 +51,15 @@ def test_zero_and_one_are_copies(clips):
     assert out.dtype == a.dtype
 
 
+def test_what_is_not_chosen_does_not_matter():
+    a, b = pair()
+    spoilt = b.with_transforms(b.translations.at[2].set(np.nan), b.rotations.at[2].set(np.nan))
+    weight = (np.arange(T) != 2)[:, None]
+    out = confine(a, spoilt, weight)
+    np.testing.assert_array_equal(out.rotations[2], a.rotations[2])
+    np.testing.assert_array_equal(out.translations[2], a.translations[2])
+
+
 def test_between_is_slerp():
     a, b = pair()
     out = confine(a, b, 0.3)

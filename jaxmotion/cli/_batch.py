@@ -125,7 +125,8 @@ def _run_all(
 
 def _one_by_one(process: Callable, jobs: list[Job], running: Running) -> Generator[Outcome]:
     if jobs:
-        _session.start(cache=running.cache)
+        little = _session.is_little(job.source for job in jobs)
+        _session.start(cache=running.cache, little=little)
     for job in jobs:
         yield guarded(process, job)
 
@@ -134,11 +135,12 @@ def _side_by_side(
     process: Callable, jobs: list[Job], running: Running, *, processes: int
 ) -> Generator[Outcome]:
     processes = min(processes, len(jobs))
+    little = _session.is_little(job.source for job in jobs)
     pool = ProcessPoolExecutor(
         processes,
         mp_context=multiprocessing.get_context("spawn"),
         initializer=_start_worker,
-        initargs=(running.cache, processes),
+        initargs=(running.cache, little, processes),
     )
     waiting = {pool.submit(guarded, process, job): job for job in jobs}
     try:
@@ -155,10 +157,10 @@ def _side_by_side(
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _start_worker(cache: bool, processes: int) -> None:
+def _start_worker(cache: bool, little: bool, processes: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, leave)
-    _session.start(cache=cache, notice=False, share=processes)
+    _session.start(cache=cache, little=little, notice=False, share=processes)
 
 
 def _files_of(target: Path) -> list[Path]:

@@ -33,7 +33,8 @@ def each(
 ) -> Iterator[Item]:
     """Read file after file; those that fail are told of on stderr if ``complain``."""
     inputs = _files.expand(files)
-    _session.start(cache=running.cache)
+    little = _session.is_little(source.path for source in inputs)
+    _session.start(cache=running.cache, little=little)
     for source in inputs:
         item = Item(source.path, None, [])
         with warnings.catch_warnings(record=True) as caught:

@@ -38,7 +38,7 @@ def command(out: Path, seed: int, overwrite: bool, running: Running) -> None:
     there = [path for path in paths.values() if path.exists()]
     if there and not overwrite:
         raise click.ClickException(f"{click.format_filename(there[0])} exists; add --overwrite")
-    _session.start(cache=running.cache)
+    _session.start(cache=running.cache, little=True)
     clips = _clips(seed)
     for name, path in paths.items():
         write(clips[name], path, overwrite=overwrite)

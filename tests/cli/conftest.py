@@ -1,17 +1,30 @@
 """Commands run in this process, and the clips they are given."""
 
+import jax
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import jaxmotion as jm
+from jaxmotion.cli import _session
 from jaxmotion.cli._app import app
+
+_NOTICE = _session._CompilingNotice
+
+
+@pytest.fixture
+def notice_class():
+    """The notice that other tests do without."""
+    return _NOTICE
 
 
 @pytest.fixture(autouse=True)
-def no_cache(monkeypatch):
+def own_settings(monkeypatch, notice_class):
     """The tests' process keeps its own JAX settings."""
     monkeypatch.setenv("JAXMOTION_CACHE_DIR", "")
+    monkeypatch.setattr(_session, "_CompilingNotice", lambda **_: None)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
 
 
 @pytest.fixture
