@@ -1,12 +1,13 @@
 """Dynamic programming over the anti-diagonals of a cost matrix, many pairs of clips side by side.
 
-    C_s(i, j) = weight · D[i, j] + min over arrivals (Δi, Δj, r) of s   of   C_r(i − Δi, j − Δj)
+    C_s(i, j) = weight_s · D[i, j] + P_p(i − Δi, j − Δj),          (Δi, Δj, p) = moves[s]
+    P_p(i, j) = min over states s in pool p of C_s(i, j)
 
-i, j: frames of x and y; s, r: states of the step pattern. D ``(n, m)`` is taken strip by strip and
-anti-diagonal by anti-diagonal (:mod:`jaxmotion.timing.antidiagonals`), one ``lax.scan`` in another.
-The values of one state on one anti-diagonal are held as h + 1 numbers: first the one that enters
-from the strip above, then the strip's own, so that a step in x is a read one place earlier. Every
-path starts from a virtual cell of cost 0, the pattern's longest step before (0, 0).
+i, j: frames of x and y; states, moves and pools: :mod:`jaxmotion.timing.step_patterns`. D ``(n,
+m)`` is taken in strips of rows and each strip by anti-diagonals, one ``lax.scan`` in another
+(:mod:`jaxmotion.timing.antidiagonals`). A pool that steps in x start from is held as h + 1 numbers:
+first the one that enters from the strip above, then the strip's own, so that such a step is a read
+one place earlier. Every path starts from a virtual cell of cost 0, the longest step before (0, 0).
 
 Many pairs (``jax.vmap``, nested too) lie along the last, contiguous axis: the *lanes*. Lanes are
 taken in blocks whose working set fits a core's cache, which is what the time depends on. Sharp bit:
@@ -31,24 +32,24 @@ _MOST_LANES = 1024
 
 
 class Ends(NamedTuple):
-    """Accumulated values where a path may end, by state s.
+    """Accumulated values where a path may end.
 
-    ``row_cost[j, s]`` is C_s at (last frame of x, j), ``column_cost[i, s]`` at (i, last frame of
-    y); ``…_cells`` count the cells of those paths. What was not asked for has no states.
-    ``arrivals[strip, k, i]`` packs how each state of the k-th cell of a strip's row i was entered.
+    ``row_cost[j]`` is P_0 at (last frame of x, j), ``column_cost[i]`` at (i, last frame of y);
+    ``…_cells`` count the cells of those paths. What was not asked for is empty.
+    ``choices[strip, k, i]`` packs which state each pool of the k-th cell of a strip's row i chose.
     """
 
     row_cost: Array
     row_cells: Array
     column_cost: Array
     column_cells: Array
-    arrivals: Array
+    choices: Array
 
 
-def arrival_radix(pattern: StepPattern) -> list[int]:
-    """Place values under which the arrivals of all states of a cell are packed into one integer."""
-    sizes = [len(ways) for ways in pattern.arrivals]
-    return [math.prod(sizes[:s]) for s in range(len(sizes))]
+def choice_radix(pattern: StepPattern) -> list[int]:
+    """Place values under which the choices of all pools of a cell are packed into one integer."""
+    sizes = [len(pool) for pool in pattern.pools]
+    return [math.prod(sizes[:p]) for p in range(len(sizes))]
 
 
 @functools.cache
@@ -107,11 +108,11 @@ def accumulator(pattern: StepPattern, *, ragged: bool, columns: bool, count: boo
 
 
 def _history_keys(pattern: StepPattern) -> list[tuple[int, int]]:
-    """(k back, state) of the anti-diagonals a step reads, and those that will become them."""
+    """(k back, pool) of the anti-diagonals a step reads, and those that will become them."""
     reach = {}
-    for way in (way for ways in pattern.arrivals for way in ways):
-        reach[way.state] = max(reach.get(way.state, 0), way.di + way.dj)
-    return [(back, s) for s in sorted(reach) for back in range(1, reach[s] + 1)]
+    for move in pattern.moves:
+        reach[move.pool] = max(reach.get(move.pool, 0), move.di + move.dj)
+    return [(back, p) for p in sorted(reach) for back in range(1, reach[p] + 1)]
 
 
 def _scan_strips(cost, last_x, last_y, pattern, columns, count) -> Ends:
@@ -119,12 +120,17 @@ def _scan_strips(cost, last_x, last_y, pattern, columns, count) -> Ends:
     strips = in_strips(cost)
     num_strips, h, m, lanes = strips.shape
     keys = _history_keys(pattern)
-    states = range(len(pattern.arrivals))
+    none = jnp.zeros((0, lanes), jnp.uint8)
+    entered = sorted({move.pool for move in pattern.moves if move.di})
 
-    def histories(row_above, outside):
+    def histories(rows_above, outside):
         """Before a strip's first step only what enters above its first cell is known."""
-        blank = jnp.full((h + 1, lanes), outside, cost.dtype)
-        return {(b, s): blank.at[0].set(row_above[s][0]) if b == 1 else blank for b, s in keys}
+        known = {}
+        for back, p in keys:
+            blank = jnp.full((h + (p in entered), lanes), outside, cost.dtype)
+            enters = back == 1 and p in entered
+            known[back, p] = blank.at[0].set(rows_above[p][0]) if enters else blank
+        return known
 
     def one_strip(rows_above, strip):
         number, d = strip
@@ -136,34 +142,39 @@ def _scan_strips(cost, last_x, last_y, pattern, columns, count) -> Ends:
         def diagonal(carry, row):
             costs, cells = carry
             k, d, enter_costs, enter_cells = row
-            new_costs, new_cells, code = _enter_cells(pattern, d, costs, cells)
+            pool_costs, pool_cells, code = _enter_cells(pattern, entered, d, costs, cells)
             at = jnp.clip(k - last_y, 0, h - 1)
             ends = Ends(
-                _take_row(new_costs, last_x % h, lanes),
-                _take_row(new_cells, last_x % h, lanes),
-                _take_row(new_costs if columns else [], at, lanes),
-                _take_row(new_cells if columns else [], at, lanes),
+                _take_row(pool_costs[0], last_x % h),
+                _take_row(pool_cells[0], last_x % h) if count else none,
+                _take_row(pool_costs[0], at) if columns else none,
+                _take_row(pool_cells[0], at) if count and columns else none,
                 code,
             )
             carry = (
-                _advance(keys, costs, new_costs, enter_costs),
-                _advance(keys, cells, new_cells, enter_cells),
+                _advance(keys, costs, pool_costs, enter_costs),
+                _advance(keys, cells, pool_cells, enter_cells) if count else {},
             )
-            bottom = ([v[-1] for v in new_costs], [v[-1] for v in new_cells])
+            bottom = [
+                {p: pool_costs[p][-1] for p in entered},
+                {p: pool_cells[p][-1] for p in entered} if count else {},
+            ]
             return carry, (bottom, ends)
 
         above = (
-            [entering(row, h, jnp.inf) for row in rows_above[0]],
-            [entering(row, h, 0.0) for row in rows_above[1]],
+            {p: entering(row, h, jnp.inf) for p, row in rows_above[0].items()},
+            {p: entering(row, h, 0.0) for p, row in rows_above[1].items()},
         )
         k = jnp.arange(m + h - 1, dtype=jnp.int32)
         bottom, ends = lax.scan(diagonal, (costs, cells), (k, skew(d), *above))[1]
         return jax.tree.map(lambda row: row[h - 1 :], bottom), ends
 
-    unreached = [jnp.full((m, lanes), jnp.inf, cost.dtype) for _ in states]
-    no_cells = [jnp.zeros((m, lanes), cost.dtype) for _ in states] if count else []
+    nothing = [
+        {p: jnp.full((m, lanes), jnp.inf, cost.dtype) for p in entered},
+        {p: jnp.zeros((m, lanes), cost.dtype) for p in entered} if count else {},
+    ]
     numbered = (jnp.arange(num_strips, dtype=jnp.int32), strips)
-    return lax.scan(one_strip, (unreached, no_cells), numbered)[1]
+    return lax.scan(one_strip, nothing, numbered)[1]
 
 
 def _gather_ends(ends: Ends, last_x, last_y, *, n: int, m: int) -> Ends:
@@ -175,57 +186,58 @@ def _gather_ends(ends: Ends, last_x, last_y, *, n: int, m: int) -> Ends:
         return lax.dynamic_slice_in_dim(in_strip, last_x % h, m)
 
     def along_column(values):
-        by_row = lax.dynamic_slice_in_dim(values, last_y, h, axis=1)
-        return by_row.reshape(by_row.shape[0] * h, values.shape[-1])[:n]
+        return lax.dynamic_slice_in_dim(values, last_y, h, axis=1).reshape(-1)[:n]
 
+    row_cost, row_cells, column_cost, column_cells, choices = ends
     return Ends(
-        along_row(ends.row_cost),
-        along_row(ends.row_cells),
-        along_column(ends.column_cost),
-        along_column(ends.column_cells),
-        ends.arrivals,
+        along_row(row_cost),
+        along_row(row_cells) if row_cells.size else row_cells,
+        along_column(column_cost) if column_cost.size else column_cost,
+        along_column(column_cells) if column_cells.size else column_cells,
+        choices,
     )
 
 
-def _enter_cells(pattern, d, costs, cells):
-    """Costs, cell counts and packed arrivals of every state on one anti-diagonal."""
-    dtype = jnp.uint8  # every pattern's arrivals pack into a byte; slope3 needs 112 values
+def _enter_cells(pattern, entered, d, costs, cells):
+    """Costs, cell counts and packed choices of every pool on one anti-diagonal."""
+
+    def source(history, move):
+        values = history[move.di + move.dj, move.pool]
+        if move.pool not in entered:
+            return values
+        return values[:-1] if move.di else values[1:]
+
+    values = [source(costs, move) + pattern.weight(move) * d for move in pattern.moves]
+    lengths = [source(cells, move) for move in pattern.moves] if cells else []
+    dtype = jnp.uint8  # every pattern's choices pack into a byte; slope3 needs 112 values
     code = jnp.zeros(d.shape, dtype)
-    new_costs, new_cells = [], []
-    for radix, ways in zip(arrival_radix(pattern), pattern.arrivals, strict=True):
-        values, lengths = [], []
-        for way in ways:
-            key = (way.di + way.dj, way.state)
-            source = slice(None, -1) if way.di else slice(1, None)
-            extra = pattern.weight(way.di, way.dj) - 1
-            values.append(costs[key][source] + extra * d if extra else costs[key][source])
-            lengths.append(cells[key][source] if cells else None)
-        best, length, choice = values[0], lengths[0], jnp.zeros(d.shape, dtype)
-        for number in range(1, len(ways)):
-            better = values[number] < best
+    pool_costs, pool_cells = [], []
+    for radix, (first, *others) in zip(choice_radix(pattern), pattern.pools, strict=True):
+        best, choice = values[first], jnp.zeros(d.shape, dtype)
+        length = lengths[first] + 1 if cells else d
+        for number, state in enumerate(others, 1):
+            better = values[state] < best
             choice = jnp.where(better, jnp.asarray(number * radix, dtype), choice)
-            best = jnp.minimum(best, values[number])
+            best = jnp.minimum(best, values[state])
             if cells:
-                length = jnp.where(better, lengths[number], length)
-        new_costs.append(best + d)
+                length = jnp.where(better, lengths[state] + 1, length)
         code = code + choice
-        if cells:
-            new_cells.append(length + 1)
-    return new_costs, new_cells, code
+        pool_costs.append(best)
+        pool_cells.append(length)
+    return pool_costs, pool_cells, code
 
 
-def _advance(keys, old, new, enter):
-    """The next step's history; new values get what enters above them as row 0."""
-    if not new:
-        return {}
-    latest = [jnp.concatenate([e[None], v]) for e, v in zip(enter, new, strict=True)]
-    return {(back, s): old[back - 1, s] if back > 1 else latest[s] for back, s in keys}
+def _advance(keys, old, new, enters):
+    """The next step's history; a pool entered from above gets what enters as row 0."""
+
+    def latest(p):
+        return jnp.concatenate([enters[p][None], new[p]]) if p in enters else new[p]
+
+    return {(back, p): old[back - 1, p] if back > 1 else latest(p) for back, p in keys}
 
 
-def _take_row(states: list[Array], at, lanes: int) -> Array:
-    """Every state's value at one row, or at one row per lane: ``(states, lanes)``."""
-    if not states:
-        return jnp.zeros((0, lanes), jnp.uint8)
+def _take_row(values, at) -> Array:
+    """values[at] for one row number, or for one per lane."""
     if jnp.ndim(at) == 0:
-        return jnp.stack([values[at] for values in states])
-    return jnp.stack([jnp.take_along_axis(v, at[None, :], axis=0)[0] for v in states])
+        return values[at]
+    return jnp.take_along_axis(values, at[None, :], axis=0)[0]

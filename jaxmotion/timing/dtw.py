@@ -27,7 +27,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion._types import ArrayLike
-from jaxmotion.timing.accumulate import accumulator, arrival_radix
+from jaxmotion.timing.accumulate import accumulator, choice_radix
 from jaxmotion.timing.frame_distance import Metric, local_cost
 from jaxmotion.timing.step_patterns import StepPattern, step_pattern_named
 
@@ -109,7 +109,7 @@ def dtw(
     ends = accumulate(fixed[None], last_x[None], last_y[None])
     ends = jax.tree.map(lambda e: e[0], ends)
     total, size, end = _choose_end(ends, last_x, last_y, open_end, min_matched, normalize)
-    path, weights, length = _backtrack(pattern, ends.arrivals, end, n + m - 1)
+    path, weights, length = _backtrack(pattern, ends.choices, end, n + m - 1)
     found = jnp.isfinite(total)
     length = jnp.where(found, length, 0)
     weights = jnp.where(found, weights, 0).astype(d.dtype)
@@ -135,54 +135,49 @@ def _band(n, m, last_x, last_y, radius) -> Array:
 
 
 def _choose_end(ends, last_x, last_y, open_end, min_matched, normalize):
-    """Sum of the chosen path, what to divide it by, and its last cell (i, j, state)."""
+    """Sum of the chosen path, what to divide it by, and its last cell (i, j)."""
     sides = [(ends.row_cost, ends.row_cells, last_x, last_y)]
     if open_end == "either":
         sides.append((ends.column_cost, ends.column_cells, last_y, last_x))
-    totals, sizes, states, fits = [], [], [], []
-    for values, cells, used_up, open_last in sides:
-        frame = jnp.arange(values.shape[0], dtype=last_x.dtype)
-        state = lax.argmin(values, axis=1, index_dtype=last_x.dtype)
-        totals.append(jnp.take_along_axis(values, state[:, None], axis=1)[:, 0])
-        states.append(state)
-        fits.append(
-            (frame + 1 >= min_matched) & (frame <= open_last) if open_end else frame == open_last
-        )
-        if normalize == "mean":
-            sizes.append(jnp.take_along_axis(cells, state[:, None], axis=1)[:, 0])
-        else:
-            sizes.append(jnp.ones_like(frame) if normalize == "sum" else used_up + frame + 2)
-    total, state, fit = map(jnp.concatenate, (totals, states, fits))
-    size = jnp.maximum(jnp.concatenate(sizes).astype(total.dtype), 1)
+    totals, sizes, fits = [], [], []
+    for total, cells, used_up, open_last in sides:
+        frame = jnp.arange(total.shape[0], dtype=last_x.dtype)
+        fit = (frame + 1 >= min_matched) & (frame <= open_last)
+        fits.append(fit if open_end else frame == open_last)
+        totals.append(total)
+        counted = {"sum": jnp.ones_like(frame), "frames": used_up + frame + 2, "mean": cells}
+        sizes.append(counted[normalize].astype(total.dtype))
+    total, size, fit = map(jnp.concatenate, (totals, sizes, fits))
     chosen = lax.argmin(jnp.where(fit, total / size, jnp.inf), 0, index_dtype=last_x.dtype)
     total = jnp.where(fit[chosen], total[chosen], jnp.inf)
     frames_y = ends.row_cost.shape[0]
     on_row = chosen < frames_y
     i, j = jnp.where(on_row, last_x, chosen - frames_y), jnp.where(on_row, chosen, last_y)
-    return total, size[chosen], (i, j, state[chosen])
+    return total, size[chosen], (i, j)
 
 
-def _backtrack(pattern: StepPattern, arrivals, end, most_cells):
-    """Follow the packed arrivals ``(strips, k, h)`` from the end to before (0, 0)."""
-    _, diagonals, h = arrivals.shape
-    most = max(len(ways) for ways in pattern.arrivals)
-    filled = [way for ways in pattern.arrivals for way in (*ways, *[ways[0]] * (most - len(ways)))]
-    di, dj, befores = (jnp.asarray(column, jnp.int32) for column in zip(*filled, strict=True))
-    radix = jnp.asarray(arrival_radix(pattern), jnp.int32)
-    choices = jnp.asarray([len(ways) for ways in pattern.arrivals], jnp.int32)
-    packed = arrivals.reshape(-1)
+def _backtrack(pattern: StepPattern, choices, end, most_cells):
+    """Follow the packed choices ``(strips, k, h)`` from the end to before (0, 0)."""
+    _, diagonals, h = choices.shape
+    most = max(len(pool) for pool in pattern.pools)
+    filled = [s for pool in pattern.pools for s in (*pool, *[pool[0]] * (most - len(pool)))]
+    moves = [pattern.moves[s] for s in filled]
+    di, dj, pools = (jnp.asarray(column, jnp.int32) for column in zip(*moves, strict=True))
+    radix = jnp.asarray(choice_radix(pattern), jnp.int32)
+    sizes = jnp.asarray([len(pool) for pool in pattern.pools], jnp.int32)
+    packed = choices.reshape(-1)
 
     def step(cell, _):
-        i, j, state = cell
+        i, j, pool = cell
         on_path = (i >= 0) & (j >= 0)
         strip, row = i // h, i % h
         place = (strip * diagonals + row + j) * h + row
         code = packed[jnp.where(on_path, place, 0)].astype(jnp.int32)
-        way = state * most + code // radix[state] % choices[state]
-        moved = (i - di[way], j - dj[way], befores[way])
+        way = pool * most + code // radix[pool] % sizes[pool]
+        moved = (i - di[way], j - dj[way], pools[way])
         return tuple(jnp.where(on_path, a, b) for a, b in zip(moved, cell, strict=True)), (i, j)
 
-    i, j = lax.scan(step, end, length=most_cells)[1]
+    i, j = lax.scan(step, (*end, jnp.zeros_like(end[0])), length=most_cells)[1]
     length = jnp.sum((i >= 0) & (j >= 0), dtype=jnp.int32)
     order = jnp.arange(most_cells, dtype=jnp.int32)
     path = jnp.stack([i, j], axis=-1)[jnp.maximum(length - 1 - order, 0)]

@@ -1,9 +1,10 @@
 """Which moves a warp path may make: small automata over the cells of a cost matrix.
 
-A path visits cells (i, j) of frames i of x and j of y. A state remembers how a cell was entered;
-each of its arrivals says from where: the step (Δi, Δj) and the state held before it.
+A path visits cells (i, j) of frames i of x and j of y. Its *state* remembers how a cell was
+entered; a *pool* is the cheapest of some states of one cell, P_p = min over s in p of C_s; each
+state is entered by one move from one pool:
 
-    C_s(i, j) = weight · D[i, j] + min over arrivals (Δi, Δj, r) of s   of   C_r(i − Δi, j − Δj)
+    C_s(i, j) = weight_s · D[i, j] + P_p(i − Δi, j − Δj),          (Δi, Δj, p) = moves[s]
 
 ==============  ==========================  ==================================================
 name            steps                       rule
@@ -16,40 +17,41 @@ name            steps                       rule
                                             ``slope3`` is Aristidou et al. 2018, appendix
 ==============  ==========================  ==================================================
 
-Equal costs are settled by the order of the arrivals: the diagonal first, then Δi, then Δj.
+Equal costs are settled by the order of the states in a pool: the diagonal first, then Δi, then Δj.
 """
 
 from typing import NamedTuple
 
 
-class Arrival(NamedTuple):
-    """One way into a cell: the step taken and the state held before it."""
+class Move(NamedTuple):
+    """The step that enters a state, and the pool it comes from."""
 
     di: int
     dj: int
-    state: int
+    pool: int
 
 
 class StepPattern(NamedTuple):
-    """States of the path automaton; state 0 starts the path at cell (0, 0).
+    """A path automaton; pool 0 holds every state, and paths start and end in it.
 
-    ``arrivals[s]`` lists the ways into a cell in state s; ``weighted`` counts a cell Δi + Δj times.
-    ``longest_run`` is the most steps on end along one axis, None without a limit.
+    ``moves[s]`` enters state s; ``pools[p]`` lists states, preferred first; ``weighted`` counts a
+    cell Δi + Δj times. ``longest_run`` is the most steps on end along one axis, None without limit.
     """
 
     name: str
-    arrivals: tuple[tuple[Arrival, ...], ...]
+    moves: tuple[Move, ...]
+    pools: tuple[tuple[int, ...], ...]
     weighted: bool = False
     longest_run: int | None = None
 
-    def weight(self, di: int, dj: int) -> int:
-        """How often the cell entered by this step is counted."""
-        return di + dj if self.weighted else 1
+    def weight(self, move: Move) -> int:
+        """How often the cell entered by a move is counted."""
+        return move.di + move.dj if self.weighted else 1
 
     @property
     def depth(self) -> int:
-        """How many anti-diagonals back the furthest arrival reaches."""
-        return max(a.di + a.dj for ways in self.arrivals for a in ways)
+        """How many anti-diagonals back the furthest move reaches."""
+        return max(move.di + move.dj for move in self.moves)
 
     def reaches(self, frames_x: int, frames_y: int) -> bool:
         """Whether some path joins the first cell to the last one."""
@@ -61,28 +63,36 @@ class StepPattern(NamedTuple):
         return long <= self.longest_run + (self.longest_run + 1) * short
 
 
-def _free(name: str, weighted: bool) -> StepPattern:
-    ways = (Arrival(1, 1, 0), Arrival(1, 0, 0), Arrival(0, 1, 0))
-    return StepPattern(name, (ways,), weighted)
+def _free(name: str, steps: tuple[tuple[int, int], ...], *, weighted: bool = False) -> StepPattern:
+    """Any step after any other."""
+    moves = tuple(Move(di, dj, 0) for di, dj in steps)
+    return StepPattern(name, moves, (tuple(range(len(steps))),), weighted)
 
 
 def _slope(longest_run: int) -> StepPattern:
-    """States: 0 after a diagonal, 1 … K after that many steps in x, K + 1 … 2K in y."""
-    along_x = range(1, longest_run + 1)
-    along_y = range(longest_run + 1, 2 * longest_run + 1)
-    arrivals = [tuple(Arrival(1, 1, s) for s in (0, *along_x, *along_y))]
-    for (di, dj), own, other in (((1, 0), along_x, along_y), ((0, 1), along_y, along_x)):
-        arrivals.append(tuple(Arrival(di, dj, s) for s in (0, *other)))
-        arrivals += [(Arrival(di, dj, s - 1),) for s in own[1:]]
-    return StepPattern(f"slope{longest_run}", tuple(arrivals), longest_run=longest_run)
+    """States: 0 after a diagonal, 1 … K after that many steps in x, K + 1 … 2K in y.
+
+    Pools: 0 all states, 1 those a run in x may start from, 2 the same for y, then single states
+    from which a run goes on.
+    """
+    along_x = tuple(range(1, longest_run + 1))
+    along_y = tuple(range(longest_run + 1, 2 * longest_run + 1))
+    moves = [Move(1, 1, 0)]
+    pools = [(0, *along_x, *along_y), (0, *along_y), (0, *along_x)]
+    for (di, dj), run, start in (((1, 0), along_x, 1), ((0, 1), along_y, 2)):
+        moves.append(Move(di, dj, start))
+        for state in run[:-1]:
+            moves.append(Move(di, dj, len(pools)))
+            pools.append((state,))
+    return StepPattern(f"slope{longest_run}", tuple(moves), tuple(pools), longest_run=longest_run)
 
 
 _PATTERNS = {
     pattern.name: pattern
     for pattern in (
-        _free("symmetric", weighted=False),
-        _free("symmetric2", weighted=True),
-        StepPattern("asymmetric", ((Arrival(1, 1, 0), Arrival(1, 0, 0), Arrival(1, 2, 0)),)),
+        _free("symmetric", ((1, 1), (1, 0), (0, 1))),
+        _free("symmetric2", ((1, 1), (1, 0), (0, 1)), weighted=True),
+        _free("asymmetric", ((1, 1), (1, 0), (1, 2))),
         *(_slope(k) for k in (1, 2, 3)),
     )
 }
