@@ -16,10 +16,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxmotion._types import ArrayLike
-from jaxmotion.io import euler
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
-from jaxmotion.skeleton import Skeleton
+from jaxmotion.skeleton import AsfBone, Skeleton
 
 _BLOCK = 512  # frames at a time for world positions: one compiled function for all clips
 _EXACT = 1e-8  # radians, and share of the figure's size: less is rounding
@@ -107,13 +106,13 @@ def gimbal_margin(motion: Motion) -> Float[np.ndarray, "time joint"]:
     lock the first and the last angle turn about one axis and may jump.
     """
     margin = np.full((motion.num_frames, motion.num_joints), np.inf)
-    q = _as_turned_by_channels(motion)
-    for j, channels in enumerate(motion.skeleton.channels):
-        axes = [axis for axis in map(_axis, channels) if axis is not None]
-        if len(axes) == 3:
-            first, last = (axes[2], axes[0]) if motion.skeleton.asf else (axes[0], axes[2])
-            # sin θ₂ (proper Euler: cos θ₂), up to its sign, stands alone in the matrix.
-            margin[:, j] = np.arccos(np.minimum(np.abs(_matrix_entry(q[:, j], first, last)), 1.0))
+    q = np.asarray(motion.rotations, np.float64)
+    for j in range(motion.num_joints):
+        outer, inner = _gimbal_axes(motion.skeleton, j)
+        if inner is not None:
+            # Their product is sin θ₂ (proper Euler: cos θ₂), up to its sign.
+            cosine = _rotated(q[:, j], inner) @ outer
+            margin[:, j] = np.arccos(np.minimum(np.abs(cosine), 1.0))
     return margin
 
 
@@ -184,30 +183,40 @@ def _axis(channel: str) -> int | None:
     return None
 
 
-def _as_turned_by_channels(motion: Motion) -> np.ndarray:
-    """Rotations [T, J, 4] in the axes their channels turn about: an ASF bone has its own, C, and
-    C R C⁻¹ is its rotation (R C the root's)."""
-    q = np.asarray(motion.rotations, np.float64)
-    if not motion.skeleton.asf:
-        return q
-    orders = [bone.axis_order.lower() for bone in motion.skeleton.asf]
-    degrees = [
-        [bone.axis["xyz".index(letter)] for letter in order]
-        for bone, order in zip(motion.skeleton.asf, orders, strict=True)
-    ]
-    axes = np.moveaxis(euler.from_euler(np.radians([degrees]), orders), -1, 0)
-    back = axes * np.array([1.0, -1.0, -1.0, -1.0])[:, None, None]
-    left, right = back.copy(), axes.copy()
-    left[..., 0], right[..., 0] = [[1.0], [0.0], [0.0], [0.0]], back[..., 0]
-    turned = euler.multiply(euler.multiply(left, np.moveaxis(q, -1, 0)), right)
-    return np.moveaxis(turned, 0, -1)
+def _gimbal_axes(skeleton: Skeleton, joint: int):
+    """The outermost and, in the turned joint, the innermost axis of three rotation channels, which
+    are parallel at lock; (None, None) for fewer channels.
+
+    An ASF bone turns about axes C of its own, q = C R C⁻¹ (the root's: R C), and lists the
+    innermost first.
+    """
+    axes = [axis for axis in map(_axis, skeleton.channels[joint]) if axis is not None]
+    if len(axes) != 3:
+        return None, None
+    unit = np.eye(3)
+    if not skeleton.asf:
+        return unit[axes[0]], unit[axes[2]]
+    own = _asf_axes(skeleton.asf[joint])
+    if joint == 0:
+        return unit[axes[2]], own.T @ unit[axes[0]]
+    return own @ unit[axes[2]], own @ unit[axes[0]]
 
 
-def _matrix_entry(q: np.ndarray, row: int, column: int) -> np.ndarray:
-    """Entry of the rotation matrix of quaternions [T, 4]."""
-    w, v = q[:, 0], q[:, 1:]
-    if row == column:
-        return 1.0 - 2.0 * (1.0 - w * w - v[:, row] ** 2)
-    third = 3 - row - column
-    sign = 1.0 if (row + 1) % 3 == column else -1.0
-    return 2.0 * (v[:, row] * v[:, column] - sign * w * v[:, third])
+def _asf_axes(bone: AsfBone) -> np.ndarray:
+    """C as a matrix: turns about x, y, z in the bone's order, the first innermost."""
+    result = np.eye(3)
+    for letter in bone.axis_order.lower():
+        axis = "xyz".index(letter)
+        angle = np.radians(bone.axis[axis])
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        step = np.eye(3)
+        step[[i, j], [i, j]] = np.cos(angle)
+        step[j, i], step[i, j] = np.sin(angle), -np.sin(angle)
+        result = step @ result
+    return result
+
+
+def _rotated(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """One vector turned by every quaternion [T, 4]."""
+    twice = 2.0 * np.cross(q[:, 1:], vector)
+    return vector + q[:, :1] * twice + np.cross(q[:, 1:], twice)
