@@ -25,9 +25,9 @@ from typing import Literal
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmotion.io import euler
 from jaxmotion.io.archive import Archive
 from jaxmotion.io.errors import MotionFileError
+from jaxmotion.io.euler_blocks import products
 from jaxmotion.io.npz import MARK
 from jaxmotion.io.precision import float_type
 from jaxmotion.motion import Motion
@@ -140,9 +140,8 @@ def load_amass(
     positions = rest[0] + trans
     if up == "y":
         positions = positions[:, [0, 2, 1]] * [1.0, 1.0, -1.0]
-        quarter = np.sqrt(0.5) * np.array([1.0, -1.0, 0.0, 0.0])
-        root = np.moveaxis(rotations[:, 0], -1, 0)
-        rotations[:, 0] = np.moveaxis(euler.multiply(quarter[:, None], root), 0, -1)
+        quarter = np.sqrt(0.5) * np.array([[1.0, -1.0, 0.0, 0.0]])
+        rotations[:, :1] = products(quarter, rotations[:, :1], np.eye(1, 4))
     translations = np.broadcast_to(rest, (*rotations.shape[:-1], 3)).copy()
     translations[:, 0] = positions
     seconds = np.array(1.0 / rate)

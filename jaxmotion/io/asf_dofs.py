@@ -5,7 +5,7 @@
     q = R C,     t = position + (TX, TY, TZ)      the root; C: its preset ``orientation``
 
 R turns about the bone's dofs, the first listed applied first: ``rx ry rz`` is R_z R_y R_x on
-column vectors. Absent dofs are 0. Angles in radians, lengths in the file's unit; NumPy, f64.
+column vectors. Absent dofs are 0. Angles in radians, lengths in the file's unit.
 O(T·J). Source: Acclaim 1995; Meredith & Maddock 2001.
 """
 
@@ -13,8 +13,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxmotion.io import euler
 from jaxmotion.io.asf import DOFS, ROOT_ORDER, rotation_order
+from jaxmotion.io.euler_blocks import (
+    angle_blocks,
+    joints_by_order,
+    one_branch,
+    products,
+    quaternions,
+)
 from jaxmotion.skeleton import AsfBone, Skeleton
 
 _SLOTS = ((), (0,), (0, 2), (0, 1, 2))
@@ -31,10 +37,9 @@ def transforms_from_dofs(
             for values, (kind, slot) in zip(columns[name].T, places(dofs), strict=True):
                 (angles if kind == "r" else shifts)[:, j, slot] = values
     left, right = _frames(skeleton.asf)
-    turns = euler.from_euler(angles, [rotation_order(dofs) for dofs in skeleton.channels])
-    rotations = euler.multiply(euler.multiply(left, np.moveaxis(turns, -1, 0)), right)
+    turns = _quaternions(angles, [rotation_order(dofs) for dofs in skeleton.channels])
     translations = np.asarray(skeleton.offsets) + _rotate(left, shifts)
-    return translations, np.moveaxis(rotations, 0, -1)
+    return translations, products(left, turns, right)
 
 
 def dofs_from_transforms(
@@ -51,30 +56,35 @@ def dofs_from_transforms(
     # Noise, not motion: what rounding leaves of an angle (radians) or a length (relative).
     eps = float(np.finfo(rotations.dtype).eps)
     least_angle, least_length = max(16 * eps, 1e-12), max(4 * eps, 1e-13)
-    q = np.moveaxis(rotations.astype(np.float64), -1, 0)
-    left, right = _frames(bones)
-    turns = euler.multiply(
-        euler.multiply(_conjugate(left), q / np.linalg.norm(q, axis=0)), _conjugate(right)
-    )
-    turns = np.moveaxis(turns, 0, -1)
+    q = rotations.astype(np.float64)
+    q /= np.linalg.norm(q, axis=-1, keepdims=True)
+    turns = turns_of_bones(bones, q)
     translations = translations.astype(np.float64)
     shifts = translations - np.asarray(skeleton.offsets, np.float64)
-    shifts = _rotate(_conjugate(left), shifts)
+    shifts = _rotate(_conjugate(_frames(bones)[0]), shifts)
     moved = np.abs(shifts).max(0) > least_length * np.abs(translations).max((0, 2))[:, None]
     dofs = [_starting_dofs(names, j == 0) for j, names in enumerate(skeleton.channels)]
     dofs = [_with(names, "t", moved[j].tolist()) for j, names in enumerate(dofs)]
     angles = _angles(turns, dofs)
+    short = []
     for j, names in enumerate(dofs):
         used = [slot for kind, slot in places(names) if kind == "r"]
         unused = [slot for slot in range(3) if slot not in used]
         if np.abs(angles[:, j, unused]).max(initial=0.0) > least_angle:
             dofs[j] = _with(names, "r", (True, True, True))
-            angles[:, j : j + 1] = _angles(turns[:, j : j + 1], dofs[j : j + 1])
+            short.append(j)
+    angles[:, short] = _angles(turns[:, short], [dofs[j] for j in short])
     values = []
     for j, names in enumerate(dofs):
         columns = [(angles if kind == "r" else shifts)[:, j, slot] for kind, slot in places(names)]
         values.append(np.stack(columns, axis=1) if columns else np.zeros((len(turns), 0)))
     return dofs, values
+
+
+def turns_of_bones(bones: Sequence[AsfBone], rotations: np.ndarray) -> np.ndarray:
+    """R, f64[T, J, 4], of local ``rotations`` [T, J, 4]."""
+    left, right = _frames(bones)
+    return products(_conjugate(left), rotations, _conjugate(right))
 
 
 def places(dofs: Sequence[str]) -> list[tuple[str, int]]:
@@ -87,16 +97,16 @@ def places(dofs: Sequence[str]) -> list[tuple[str, int]]:
 
 
 def _frames(bones: Sequence[AsfBone]) -> tuple[np.ndarray, np.ndarray]:
-    """What multiplies R from the left and from the right, components in front: f64[4, 1, J]."""
+    """What multiplies R from the left and from the right: f64[J, 4]."""
     orders = [bone.axis_order.lower() for bone in bones]
     degrees = [
         [bone.axis["xyz".index(letter)] for letter in order]
         for bone, order in zip(bones, orders, strict=True)
     ]
-    left = np.moveaxis(euler.from_euler(np.radians([degrees]), orders), -1, 0)
+    left = _quaternions(np.radians([degrees]), orders)[0]
     right = _conjugate(left)
-    right[..., 0] = left[..., 0]
-    left[..., 0] = [[1.0], [0.0], [0.0], [0.0]]
+    right[0] = left[0]
+    left[0] = [1.0, 0.0, 0.0, 0.0]
     return left, right
 
 
@@ -118,17 +128,38 @@ def _with(dofs: tuple[str, ...], kind: str, axes: Sequence[bool]) -> tuple[str, 
     return dofs + (tuple(map(str.upper, added)) if dofs and dofs[0].isupper() else added)
 
 
+def _quaternions(angles: np.ndarray, orders: Sequence[str]) -> np.ndarray:
+    """Unit quaternions f64[T, J, 4] of ``angles`` f64[T, J, 3], joint j in order ``orders[j]``."""
+    if np.abs(angles).max() > 4 * np.pi:
+        angles = np.fmod(angles, 4 * np.pi)
+    begun = [
+        (joints, quaternions(angles[:, joints], order, angles.dtype))
+        for order, joints in joints_by_order(orders).items()
+    ]
+    result = np.empty((*angles.shape[:-1], 4))
+    for joints, wait in begun:
+        result[:, joints] = wait()
+    return result
+
+
 def _angles(turns: np.ndarray, dofs: Sequence[tuple[str, ...]]) -> np.ndarray:
-    counts = [sum(name[0] in "rR" for name in names) for names in dofs]
-    orders = [rotation_order(names) for names in dofs]
-    return euler.to_euler(turns, orders, two_branches=[count == 3 for count in counts])
+    """Angles f64[T, J, 3] in each joint's ``rotation_order``, unwrapped along time.
+
+    Fewer than three dofs say what they can in the branch where the middle angle, absent, can be 0.
+    """
+    angles = np.empty((*turns.shape[:-1], 3))
+    for order, joints in joints_by_order([rotation_order(names) for names in dofs]).items():
+        angles[:, joints] = np.concatenate(list(angle_blocks(turns[:, joints], order)))
+    limited = [j for j, names in enumerate(dofs) if sum(name[0] in "rR" for name in names) < 3]
+    angles[:, limited] = one_branch(angles[:, limited], slot=1)
+    return angles
 
 
 def _conjugate(q: np.ndarray) -> np.ndarray:
-    return np.stack([q[0], -q[1], -q[2], -q[3]])
+    return q * [1.0, -1.0, -1.0, -1.0]
 
 
 def _rotate(q: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors f64[T, J, 3] turned by quaternions f64[4, 1, J]."""
-    pure = np.concatenate([np.zeros((1, *vectors.shape[:-1])), np.moveaxis(vectors, -1, 0)])
-    return np.moveaxis(euler.multiply(euler.multiply(q, pure), _conjugate(q))[1:], 0, -1)
+    """Vectors f64[T, J, 3] turned by quaternions f64[J, 4]."""
+    pure = np.concatenate([np.zeros((*vectors.shape[:-1], 1)), vectors], axis=-1)
+    return products(q, pure, _conjugate(q))[..., 1:]

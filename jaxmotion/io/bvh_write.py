@@ -12,7 +12,7 @@ import numpy as np
 from jaxmotion.io.bvh_hierarchy import keyword_and_value, parse_number, reads_back
 from jaxmotion.io.channels import parse_channels, with_all_positions, with_all_rotations
 from jaxmotion.io.decimal_text import number_text, table_text
-from jaxmotion.io.euler_blocks import angle_blocks, frame_blocks, other_branch
+from jaxmotion.io.euler_blocks import angle_blocks, frame_blocks, one_branch
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import DEFAULT_CHANNELS, DEFAULT_ROOT_CHANNELS, Skeleton
 
@@ -171,11 +171,10 @@ def _partial_angles(rotations: np.ndarray, names) -> np.ndarray | None:
         still = 2 * np.abs(rotations[..., 1:]).max() <= tolerance
         return np.zeros((len(rotations), 0)) if still else None
     angles = np.concatenate(list(angle_blocks(rotations, known.order)))[:, 0]
-    folded = np.cos(angles[:, 2:]) < 0
-    angles = np.where(folded, other_branch(angles, proper=False), angles)
+    angles = one_branch(angles, slot=2)
     if np.abs(np.remainder(angles[:, used:] + np.pi, 2 * np.pi) - np.pi).max() > tolerance:
         return None
-    return np.unwrap(angles[:, :used], axis=0)
+    return angles[:, :used]
 
 
 def _depth_first(skeleton: Skeleton) -> tuple[int, ...]:

@@ -1,8 +1,9 @@
-"""Euler angles of files to quaternions and back, in blocks of one size.
+"""Euler angles of files to quaternions and back, and products of these, in blocks of one size.
 
 :mod:`jaxmotion.quaternion` does the mathematics; this file feeds it arrays of a fixed shape, so
-that one compiled function an Euler order serves clips of any length and skeletons of any size:
-8192 samples at a time going in, 512 frames × 32 joints going out, padded.
+that one compiled function an Euler order (and one for products) serves clips of any length and
+skeletons of any size: 8192 samples at a time going in, 512 frames × 32 joints going out and in
+products, padded. Arithmetic is in the dtype of the arrays; float32 where JAX is without float64.
 
 Going out, angles are unwrapped along time by a scan, which starts afresh in every block. Blocks
 therefore share a frame, and the later one is carried over to what the earlier one chose there: the
@@ -10,12 +11,12 @@ other branch of the order, (θ₁ + π, π − θ₂, θ₃ + π) (proper Euler:
 the distances that the scan compares, so the outcome is that of one long scan. O(T·J).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import jax
 import numpy as np
 
-from jaxmotion.quaternion import from_euler, to_euler
+from jaxmotion.quaternion import from_euler, multiply, to_euler
 
 _SAMPLES = 8192
 _FRAMES = 512
@@ -23,6 +24,15 @@ _JOINTS = 32
 
 _from_euler = jax.jit(from_euler, static_argnames="order")
 _to_euler = jax.jit(to_euler, static_argnames=("order", "unwrap"))
+_sandwich = jax.jit(lambda left, q, right: multiply(multiply(left, q), right))
+
+
+def joints_by_order(orders: Sequence[str]) -> dict[str, list[int]]:
+    """The joints of each Euler order, of the orders of all joints."""
+    groups: dict[str, list[int]] = {}
+    for joint, order in enumerate(orders):
+        groups.setdefault(order, []).append(joint)
+    return groups
 
 
 def quaternions(angles: np.ndarray, order: str, dtype: np.dtype) -> Callable[[], np.ndarray]:
@@ -75,9 +85,7 @@ def _begin_angles(rotations: np.ndarray, block: slice, order: str) -> Callable[[
     frames, joints, _ = rotations.shape
     results = []
     for j in range(0, joints, _JOINTS):
-        padded = np.zeros((_FRAMES, _JOINTS, 4), rotations.dtype)
-        padded[..., 0] = 1
-        padded[:frames, : joints - j] = rotations[:, j : j + _JOINTS]
+        padded = _padded(rotations[:, j : j + _JOINTS], _FRAMES, _JOINTS)
         results.append(_to_euler(padded, order=order, unwrap=True))
 
     def wait() -> np.ndarray:
@@ -90,13 +98,45 @@ def _begin_angles(rotations: np.ndarray, block: slice, order: str) -> Callable[[
 def _carried_over(angles: np.ndarray, previous: np.ndarray, proper: bool) -> np.ndarray:
     """The same rotations, with ``previous`` as the angles of the first frame."""
     same = np.cos(previous - angles[0]).sum(-1)
-    other = other_branch(angles, proper)
+    other = _other_branch(angles, proper)
     swap = np.cos(previous - other[0]).sum(-1) > same
     angles = np.where(swap[:, None], other, angles)
     return angles + 2 * np.pi * np.round((previous - angles[0]) / (2 * np.pi))
 
 
-def other_branch(angles: np.ndarray, proper: bool) -> np.ndarray:
+def products(left: np.ndarray, rotations: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """left_j ⊗ q_tj ⊗ right_j, f64[T, J, 4], of [J, 4], ``rotations`` [T, J, 4] and [J, 4]."""
+    result = np.empty(rotations.shape)
+    frames, joints, _ = rotations.shape
+    begun = []
+    for j in range(0, joints, _JOINTS):
+        across = slice(j, j + _JOINTS)
+        a, b = _padded(left[across], _JOINTS), _padded(right[across], _JOINTS)
+        for start in range(0, frames, _FRAMES):
+            here = slice(start, start + _FRAMES), across
+            begun.append((here, _sandwich(a, _padded(rotations[here], _FRAMES, _JOINTS), b)))
+    for here, block in begun:
+        rows, columns, _ = result[here].shape
+        result[here] = np.asarray(block)[:rows, :columns]
+    return result
+
+
+def _padded(rotations: np.ndarray, *shape: int) -> np.ndarray:
+    """``rotations`` [..., 4] in the corner of an array ``shape`` + (4,) of identities."""
+    block = np.zeros((*shape, 4), rotations.dtype)
+    block[..., 0] = 1
+    block[tuple(map(slice, rotations.shape))] = rotations
+    return block
+
+
+def one_branch(angles: np.ndarray, slot: int) -> np.ndarray:
+    """The same rotations by the branch in which the angle ``slot``, middle or last, is nearer to 0
+    than to π; unwrapped along time. Angles [T, ..., 3] of a Tait–Bryan order."""
+    folded = np.cos(angles[..., slot, None]) < 0
+    return np.unwrap(np.where(folded, _other_branch(angles, proper=False), angles), axis=0)
+
+
+def _other_branch(angles: np.ndarray, proper: bool) -> np.ndarray:
     """The other triple that means the same rotation."""
     half_turn = np.pi
     first, middle, last = np.moveaxis(angles, -1, 0)
