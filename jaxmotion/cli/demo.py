@@ -49,7 +49,7 @@ def _clips(seed: int) -> "dict[str, Motion]":
     import jaxmotion as jm
 
     sample, noisy = jm.samples.clean_and_noisy("walk", seed=seed)
-    layers = jm.decompose(noisy.motion)
+    layers = jm.decompose(noisy.motion, tune="evidence")
     return {
         "clean": sample.motion,
         "noisy": noisy.motion,
