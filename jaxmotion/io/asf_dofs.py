@@ -58,10 +58,11 @@ def dofs_from_transforms(
     least_angle, least_length = max(16 * eps, 1e-12), max(4 * eps, 1e-13)
     q = rotations.astype(np.float64)
     q /= np.linalg.norm(q, axis=-1, keepdims=True)
-    turns = turns_of_bones(bones, q)
+    left, right = _frames(bones)
+    turns = products(_conjugate(left), q, _conjugate(right))
     translations = translations.astype(np.float64)
     shifts = translations - np.asarray(skeleton.offsets, np.float64)
-    shifts = _rotate(_conjugate(_frames(bones)[0]), shifts)
+    shifts = _rotate(_conjugate(left), shifts)
     moved = np.abs(shifts).max(0) > least_length * np.abs(translations).max((0, 2))[:, None]
     dofs = [_starting_dofs(names, j == 0) for j, names in enumerate(skeleton.channels)]
     dofs = [_with(names, "t", moved[j].tolist()) for j, names in enumerate(dofs)]
@@ -79,12 +80,6 @@ def dofs_from_transforms(
         columns = [(angles if kind == "r" else shifts)[:, j, slot] for kind, slot in places(names)]
         values.append(np.stack(columns, axis=1) if columns else np.zeros((len(turns), 0)))
     return dofs, values
-
-
-def turns_of_bones(bones: Sequence[AsfBone], rotations: np.ndarray) -> np.ndarray:
-    """R, f64[T, J, 4], of local ``rotations`` [T, J, 4]."""
-    left, right = _frames(bones)
-    return products(_conjugate(left), rotations, _conjugate(right))
 
 
 def places(dofs: Sequence[str]) -> list[tuple[str, int]]:
