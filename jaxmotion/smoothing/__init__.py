@@ -1,5 +1,6 @@
 """Smoothers: signals and motions in, posteriors and smoothed motions out."""
 
+from jaxmotion.smoothing.keys import KeySuggestions, suggest_keys
 from jaxmotion.smoothing.lgs import Posterior, lgs
 from jaxmotion.smoothing.rotations import smooth_motion, smooth_quaternions
 from jaxmotion.smoothing.streaming import StreamingSmoother, StreamState
@@ -7,6 +8,7 @@ from jaxmotion.smoothing.tuning import MotionTuning, Tuning, tune
 from jaxmotion.smoothing.windowed import windowed_lgs
 
 __all__ = [
+    "KeySuggestions",
     "MotionTuning",
     "Posterior",
     "StreamState",
@@ -15,6 +17,7 @@ __all__ = [
     "lgs",
     "smooth_motion",
     "smooth_quaternions",
+    "suggest_keys",
     "tune",
     "windowed_lgs",
 ]

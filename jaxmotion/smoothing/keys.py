@@ -1,0 +1,99 @@
+"""Where another key would help most: greedy, exact choice by the smoother's variance.
+
+    add an observation of std sigma at frame i:   Var_j -> Var_j - Cov_ij^2 / (Var_i + sigma^2)
+
+    gain_i = sum_j Cov_ij^2 / (Var_i + sigma^2)        total variance it removes
+
+    Var, Cov  posterior of the frames given the keys there are     sigma  noise of a key
+
+Each round takes the frame of the largest gain, adds its observation, and starts again: every
+choice is exact for the posterior after the ones before it. The values of the keys play no part.
+
+Cost O(Nf) a round, all candidates at once: with v(e) the variances once every frame is observed
+with precision e more, sum_j Cov_ij^2 = -dv_i/de at 0, one derivative of the selected inverse.
+
+Eom et al. (2019, section 6.2) name this use of the variance as future work. The greedy choice is
+Krause, Singh and Guestrin's (*Near-optimal sensor placements in Gaussian processes*, 2008).
+
+Sharp bits: with lam, sigma or weights per channel, gains are summed over the distinct channels of
+the variance, in the unit of y. Ties go to the earliest frame.
+"""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from jaxmotion._types import ArrayLike
+from jaxmotion.linalg import DifferenceChain, chain_covariance, chain_factor
+from jaxmotion.smoothing.lgs import Posterior
+
+
+class KeySuggestions(eqx.Module):
+    """``frames``: best first. ``variance``: of every frame after each of them is observed, with
+    channel axes where the posterior's variance has them."""
+
+    frames: Int[Array, " keys"]
+    variance: Float[Array, "keys frames ..."]
+
+
+def suggest_keys(
+    posterior: Posterior, n: int, *, candidates: ArrayLike | None = None
+) -> KeySuggestions:
+    """The ``n`` frames where one more observation lowers the total variance most, each once.
+
+    posterior: of :func:`~jaxmotion.smoothing.lgs`; a new key has its ``sigma`` and weight 1.
+    candidates: bool (Nf,), the frames that may be chosen; None for all, observed ones too.
+
+    Raises ValueError when ``n`` is not from 1 to the number of frames, or ``candidates`` is not
+    (Nf,) bool with n true; a JAX array with fewer raises when computed.
+    """
+    frames = posterior.mean.shape[0]
+    if not 1 <= n <= frames:
+        raise ValueError(f"n={n}: want from 1 to {frames}, the number of frames")
+    allowed = np.ones(frames, bool) if candidates is None else candidates
+    if not isinstance(allowed, jax.Array):
+        allowed = np.asarray(allowed)
+    if allowed.shape != (frames,) or allowed.dtype != bool:
+        raise ValueError(
+            f"candidates are {allowed.dtype} {allowed.shape}: want bool ({frames},), one a frame"
+        )
+    message = f"candidates hold fewer than n={n} frames"
+    if isinstance(allowed, np.ndarray):
+        if allowed.sum() < n:
+            raise ValueError(message)
+        return _suggest(posterior, n, jnp.asarray(allowed))
+    return _suggest(posterior, n, eqx.error_if(allowed, jnp.sum(allowed) < n, message))
+
+
+@eqx.filter_jit
+def _suggest(posterior: Posterior, n: int, allowed: Array) -> KeySuggestions:
+    chain, sigma = posterior._chain, posterior._sigma  # the chain is sigma^2 times the precision
+    axes = tuple(range(1, chain.position.ndim))
+
+    def round_(state, _):
+        position, allowed = state
+
+        def variances(position):
+            return _variance(chain, position)
+
+        v, slope = jax.jvp(variances, (position,), (jnp.ones_like(position),))
+        gains = jnp.sum(-(sigma**2) * slope / (v + 1), axis=axes)
+        best = jnp.argmax(jnp.where(allowed, gains, -jnp.inf))
+        state = position.at[best].add(1), allowed.at[best].set(False)
+        return state, (best, v)
+
+    shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(chain)))
+    start = jnp.broadcast_to(chain.position, shape), allowed
+    (position, _), (chosen, before) = lax.scan(round_, start, length=n)
+    after = jnp.concatenate([before[1:], _variance(chain, position)[None]])
+    return KeySuggestions(chosen, jax.vmap(posterior._per_frame)(after))
+
+
+def _variance(chain: DifferenceChain, position: Array) -> Array:
+    chain = dataclasses.replace(chain, position=position)
+    return chain_covariance(chain_factor(chain)).position
