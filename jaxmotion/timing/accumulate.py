@@ -27,7 +27,7 @@ from jaxtyping import Array
 from jaxmotion.timing.antidiagonals import entering, in_strips, skew, strip_rows
 from jaxmotion.timing.step_patterns import StepPattern
 
-_CACHED_VALUES = 2**17  # numbers a block of lanes may keep in flight: 1 MiB of float64
+_CACHED_VALUES = 2**16  # numbers a block of lanes may keep in flight: half a MiB of float64
 _MOST_LANES = 1024
 
 
@@ -123,21 +123,21 @@ def _scan_strips(cost, last_x, last_y, pattern, columns, count) -> Ends:
     none = jnp.zeros((0, lanes), jnp.uint8)
     entered = sorted({move.pool for move in pattern.moves if move.di})
 
-    def histories(rows_above, outside):
+    def histories(rows_above, outside, dtype):
         """Before a strip's first step only what enters above its first cell is known."""
         known = {}
         for back, p in keys:
-            blank = jnp.full((h + (p in entered), lanes), outside, cost.dtype)
+            blank = jnp.full((h + (p in entered), lanes), outside, dtype)
             enters = back == 1 and p in entered
             known[back, p] = blank.at[0].set(rows_above[p][0]) if enters else blank
         return known
 
     def one_strip(rows_above, strip):
         number, d = strip
-        costs = histories(rows_above[0], jnp.inf)
+        costs = histories(rows_above[0], jnp.inf, cost.dtype)
         start = jnp.where(number == 0, 0, jnp.inf).astype(cost.dtype)
         costs[pattern.depth, 0] = costs[pattern.depth, 0].at[0].set(start)
-        cells = histories(rows_above[1], 0) if count else {}
+        cells = histories(rows_above[1], 0, jnp.int32) if count else {}
 
         def diagonal(carry, row):
             costs, cells = carry
@@ -163,7 +163,7 @@ def _scan_strips(cost, last_x, last_y, pattern, columns, count) -> Ends:
 
         above = (
             {p: entering(row, h, jnp.inf) for p, row in rows_above[0].items()},
-            {p: entering(row, h, 0.0) for p, row in rows_above[1].items()},
+            {p: entering(row, h, 0) for p, row in rows_above[1].items()},
         )
         k = jnp.arange(m + h - 1, dtype=jnp.int32)
         bottom, ends = lax.scan(diagonal, (costs, cells), (k, skew(d), *above))[1]
@@ -171,7 +171,7 @@ def _scan_strips(cost, last_x, last_y, pattern, columns, count) -> Ends:
 
     nothing = [
         {p: jnp.full((m, lanes), jnp.inf, cost.dtype) for p in entered},
-        {p: jnp.zeros((m, lanes), cost.dtype) for p in entered} if count else {},
+        {p: jnp.zeros((m, lanes), jnp.int32) for p in entered} if count else {},
     ]
     numbered = (jnp.arange(num_strips, dtype=jnp.int32), strips)
     return lax.scan(one_strip, nothing, numbered)[1]

@@ -44,7 +44,7 @@ def unskew(skewed: Array, m: int) -> Array:
     return jnp.pad(skewed.T.reshape(-1), (0, h)).reshape(h, h + m)[:, :m]
 
 
-def entering(row: Array, h: int, outside: float) -> Array:
+def entering(row: Array, h: int, outside: float | int) -> Array:
     """What a strip's sweep meets above its first row, step by step.
 
     ``row (m, ...)`` is the last row of the strip before. Entry k ``(m + h − 1, ...)`` stands above

@@ -1,6 +1,6 @@
 """Dynamic time warping against enumeration of every path, its derivative against differences."""
 
-from functools import partial
+from functools import cache, partial
 from itertools import pairwise
 
 import jax
@@ -18,6 +18,15 @@ from jaxmotion.timing import (
     pad_to_bucket,
     pose_distance,
 )
+
+align = jax.jit(dtw, static_argnames=("window", "step_pattern", "metric"))
+
+
+@cache
+def align_many(**options):
+    """One compiled function of a stack of cost matrices, shared by the tests."""
+    return jax.jit(jax.vmap(lambda d: dtw(cost=d, **options)))
+
 
 PATTERNS = ("symmetric", "symmetric2", "asymmetric", "slope1", "slope2", "slope3")
 
@@ -93,7 +102,7 @@ def batch(seed, ties, shape=(4, 5), count=12):
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_closed_end_equals_enumeration(pattern, ties):
     costs = batch(0, ties)
-    warp = jax.jit(jax.vmap(lambda d: dtw(cost=d, step_pattern=pattern)))(costs)
+    warp = align_many(step_pattern=pattern)(costs)
     for row, cost in enumerate(costs):
         total, _ = best_sums(cost, pattern)[3, 4]
         np.testing.assert_allclose(warp.cost[row], total, rtol=1e-12)
@@ -108,13 +117,9 @@ def test_closed_end_equals_enumeration(pattern, ties):
 def test_open_end_equals_enumeration(pattern, open_end, ties):
     costs = batch(1, ties)
     divide = {"symmetric2": "frames", "asymmetric": "sum", "slope3": None}[pattern]
-    found = jax.jit(
-        jax.vmap(
-            lambda d: dtw(
-                cost=d, step_pattern=pattern, open_end=open_end, min_matched=2, normalize=divide
-            )
-        )
-    )(costs)
+    found = align_many(step_pattern=pattern, open_end=open_end, min_matched=2, normalize=divide)(
+        costs
+    )
     for row, cost in enumerate(costs):
         sums = best_sums(cost, pattern)
         ends = {(3, j) for j in range(1, 5)}
@@ -164,9 +169,9 @@ def test_long_clips_go_through_in_strips(open_end):
     if open_end:
         ends[200], ends[:, 59] = mean[200], mean[:, 59]
     end = np.unravel_index(np.argmin(ends), ends.shape)
-    align = partial(dtw, step_pattern="slope3", open_end=open_end, normalize="mean")
-    alone = jax.jit(lambda d: align(cost=d))(cost)
-    more = jax.jit(jax.vmap(lambda d, n, m: align(cost=d, x_length=n, y_length=m), (None, 0, 0)))(
+    run = partial(dtw, step_pattern="slope3", open_end=open_end, normalize="mean")
+    alone = jax.jit(lambda d: run(cost=d))(cost)
+    more = jax.jit(jax.vmap(lambda d, n, m: run(cost=d, x_length=n, y_length=m), (None, 0, 0)))(
         np.pad(cost, [(0, 7), (0, 5)]), np.array([150, 201, 20]), np.array([60, 60, 59])
     )
     for warp, row in ((alone, None), (more, 1)):
@@ -202,10 +207,10 @@ def seven_states(cost, longest=3):
     return value, cells
 
 
-@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 3), (3, 1), (2, 2)])
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (1, 3), (3, 1)])
 def test_shortest_clips(n, m, dtype):
     cost = np.random.default_rng(3).random((n, m)).astype(dtype)
-    warp = dtw(cost=cost)
+    warp = align(cost=cost)
     assert warp.cost.dtype == dtype
     total, _ = best_sums(cost.astype(float), "symmetric")[n - 1, m - 1]
     np.testing.assert_allclose(warp.cost, total, rtol=1e-6)
@@ -218,7 +223,7 @@ def test_shortest_clips(n, m, dtype):
 
 def test_a_clip_matches_itself_exactly(dtype):
     x = np.random.default_rng(4).standard_normal((9, 40)).astype(dtype) + 1000
-    warp = jax.jit(dtw)(x, x)
+    warp = align(x, x)
     assert float(warp.cost) == 0.0
     assert path_of(warp) == [(i, i) for i in range(9)]
 
@@ -239,7 +244,7 @@ def test_window_is_a_band_about_both_corners(shape, radius):
     longer = shape[1] - shape[0]
     inside = (j - i >= min(longer, 0) - radius) & (j - i <= max(longer, 0) + radius)
     total, _ = best_sums(np.where(inside, cost, np.inf), "symmetric")[shape[0] - 1, shape[1] - 1]
-    warp = dtw(cost=cost, window=radius)
+    warp = align(cost=cost, window=radius)
     np.testing.assert_allclose(warp.cost, total, rtol=1e-12)
     assert all(inside[cell] for cell in path_of(warp))
 
@@ -247,7 +252,7 @@ def test_window_is_a_band_about_both_corners(shape, radius):
 def test_no_path_gives_infinite_cost_and_no_cells():
     cost = np.random.default_rng(7).random((4, 5))
     cost[2, :] = np.inf
-    warp = dtw(cost=cost)
+    warp = align(cost=cost)
     assert np.isposinf(warp.cost)
     assert int(warp.length) == 0
     assert not bool(warp.mask.any())
@@ -257,12 +262,12 @@ def test_padding_and_lengths_change_nothing():
     rng = np.random.default_rng(8)
     lengths = np.array([[5, 7], [9, 6]])
     x, y = rng.standard_normal((2, 9, 3)), rng.standard_normal((2, 10, 3))
-    align = partial(dtw, step_pattern="slope2", window=4, open_end="either")
-    padded = jax.jit(jax.vmap(lambda x, y, n, m: align(x, y, x_length=n, y_length=m)))(
+    run = partial(dtw, step_pattern="slope2", window=4, open_end="either")
+    padded = jax.jit(jax.vmap(lambda x, y, n, m: run(x, y, x_length=n, y_length=m)))(
         x, y, lengths[:, 0], lengths[:, 1]
     )
     for row, (n, m) in enumerate(lengths):
-        alone = jax.jit(align)(x[row, :n], y[row, :m])
+        alone = jax.jit(run)(x[row, :n], y[row, :m])
         np.testing.assert_allclose(padded.cost[row], alone.cost, rtol=1e-12)
         assert path_of(padded, row) == path_of(alone)
 
@@ -280,20 +285,20 @@ def test_one_compile_serves_a_bucket_of_lengths():
     rng = np.random.default_rng(9)
 
     @jax.jit
-    def align(x, y, n, m):
+    def in_bucket(x, y, n, m):
         return dtw(x, y, x_length=n, y_length=m)
 
     target = rng.standard_normal((40, 4))
     for frames in (33, 37, 40, 48):
         x, n = pad_to_bucket(rng.standard_normal((frames, 4)))
         y, m = pad_to_bucket(target)
-        warp = align(x, y, n, m)
+        warp = in_bucket(x, y, n, m)
         assert path_of(warp)[-1] == (frames - 1, 39)
         np.testing.assert_allclose(warp.cost, plain_recursion(x[:frames], target), rtol=1e-12)
-    assert align._cache_size() == 1
+    assert in_bucket._cache_size() == 1
     x, n = pad_to_bucket(rng.standard_normal((49, 4)))
-    align(x, *pad_to_bucket(target)[:1], n, 40)
-    assert align._cache_size() == 2
+    in_bucket(x, *pad_to_bucket(target)[:1], n, 40)
+    assert in_bucket._cache_size() == 2
 
 
 def test_buckets():
@@ -341,25 +346,22 @@ def test_derivative_where_frames_agree_is_zero():
     assert not np.any(jax.jit(jax.grad(lambda a: dtw(a, x).cost))(x))
 
 
-def test_modes_agree(dtype):
+def test_modes_agree():
     """Eager, jit, vmap, nested vmap (either order) and a plain loop; inputs stay as they were."""
     rng = np.random.default_rng(13)
-    x, y = (rng.standard_normal((3, t, 35)).astype(dtype) for t in (6, 7))
+    x, y = (rng.standard_normal((3, t, 35)) for t in (6, 7))
     kept = x.copy(), y.copy()
-    run = jax.jit(dtw)
-    loop = [[run(a, b) for b in y] for a in x]
+    loop = [[align(a, b) for b in y] for a in x]
     eager = dtw(x[0], y[1])
-    one = jax.vmap(run)(x, y)
-    pairs = jax.vmap(lambda a: jax.vmap(lambda b: run(a, b))(y))(x)
-    turned = jax.vmap(lambda b: jax.vmap(lambda a: run(a, b))(x))(y)
-    assert pairs.cost.dtype == dtype
-    tolerance = 1e-5 if dtype == jnp.float32 else 1e-12
-    np.testing.assert_allclose(eager.cost, loop[0][1].cost, rtol=tolerance)
+    one = jax.jit(jax.vmap(dtw))(x, y)
+    pairs = jax.jit(jax.vmap(jax.vmap(dtw, (None, 0)), (0, None)))(x, y)
+    turned = jax.jit(jax.vmap(jax.vmap(dtw, (0, None)), (None, 0)))(x, y)
+    np.testing.assert_allclose(eager.cost, loop[0][1].cost, rtol=1e-12)
     for i in range(3):
-        np.testing.assert_allclose(one.cost[i], loop[i][i].cost, rtol=tolerance)
+        np.testing.assert_allclose(one.cost[i], loop[i][i].cost, rtol=1e-12)
         for j in range(3):
-            np.testing.assert_allclose(pairs.cost[i, j], loop[i][j].cost, rtol=tolerance)
-            np.testing.assert_allclose(turned.cost[j, i], loop[i][j].cost, rtol=tolerance)
+            np.testing.assert_allclose(pairs.cost[i, j], loop[i][j].cost, rtol=1e-12)
+            np.testing.assert_allclose(turned.cost[j, i], loop[i][j].cost, rtol=1e-12)
             np.testing.assert_array_equal(pairs.path[i, j], loop[i][j].path)
             np.testing.assert_array_equal(turned.path[j, i], loop[i][j].path)
     np.testing.assert_array_equal(x, kept[0])
@@ -369,7 +371,7 @@ def test_modes_agree(dtype):
 def test_many_pairs_go_through_in_blocks():
     """More pairs than one block of lanes holds, with a remainder."""
     costs = np.random.default_rng(14).random((2500, 3, 4))
-    got = jax.jit(jax.vmap(lambda d: dtw(cost=d)))(costs)
+    got = align_many(step_pattern="symmetric")(costs)
     for row in (0, 1023, 1024, 2499):
         total, _ = best_sums(costs[row], "symmetric")[2, 3]
         np.testing.assert_allclose(got.cost[row], total, rtol=1e-12)
@@ -383,20 +385,28 @@ def test_pose_distance_equals_logarithms(trim, dtype):
     x, y = (q / np.linalg.norm(q, axis=-1, keepdims=True) for q in (x, y))
     y[0] = -x[0]
     weights = rng.random(6).astype(dtype) + 0.5
-    got = pose_distance(x, y, trim=trim, weights=weights)
-    between = quaternion.between(x[:, None], y[None])
-    terms = weights * np.sum(np.asarray(quaternion.log_half(between)) ** 2, axis=-1)
+    got = jax.jit(pose_distance, static_argnames="trim")(x, y, trim=trim, weights=weights)
+    dots = np.abs(np.einsum("ijc,kjc->ikj", x.astype(float), y.astype(float)))
+    terms = weights * np.arccos(np.minimum(dots, 1)) ** 2
     want = np.sort(terms, axis=-1)[..., : 6 - trim].sum(axis=-1)
     tolerance = 1e-5 if dtype == jnp.float32 else 1e-12
     np.testing.assert_allclose(got, want, rtol=tolerance, atol=tolerance)
     assert got.dtype == dtype
     assert float(got[0, 0]) == 0.0
-    np.testing.assert_allclose(dtw(x, y, metric="pose").cost, dtw(cost=pose_distance(x, y)).cost)
+
+
+def test_poses_align_by_their_rotations():
+    rng = np.random.default_rng(21)
+    x, y = (rng.standard_normal((t, 2, 4)) for t in (4, 5))
+    x, y = (q / np.linalg.norm(q, axis=-1, keepdims=True) for q in (x, y))
+    turned = np.asarray(jax.jit(quaternion.distance)(x[:, None], y[None]))
+    total, _ = best_sums(np.sum((turned / 2) ** 2, axis=-1), "symmetric")[3, 4]
+    np.testing.assert_allclose(align(x, y, metric="pose").cost, total, rtol=1e-12)
 
 
 def test_pose_distance_is_accurate_for_small_turns():
     angle = 10.0 ** -np.arange(1, 9)
-    x = quaternion.exp(np.stack([angle, 0 * angle, 0 * angle], axis=-1))[:, None]
+    x = np.stack([np.cos(angle / 2), np.sin(angle / 2), 0 * angle, 0 * angle], axis=-1)[:, None]
     rest = jnp.asarray([[[1.0, 0.0, 0.0, 0.0]]])
     np.testing.assert_allclose(pose_distance(x, rest)[:, 0], (angle / 2) ** 2, rtol=1e-7)
 
@@ -420,9 +430,8 @@ def test_frame_distance_is_exact_where_frames_agree(dtype):
     x = np.random.default_rng(17).standard_normal((5, 33)).astype(dtype) + 100
     y = x + np.asarray(1e-3, dtype)
     want = np.linalg.norm(x[:, None].astype(float) - y[None].astype(float), axis=-1)
-    np.testing.assert_allclose(frame_distance(x, y), want, rtol=1e-5)
     tolerance = 1e-5 if dtype == jnp.float32 else 1e-12
-    np.testing.assert_allclose(frame_distance(x, y, "sqeuclidean"), want**2, rtol=tolerance)
+    np.testing.assert_allclose(jax.jit(frame_distance)(x, y), want, rtol=tolerance)
 
 
 @pytest.mark.parametrize("clips", ["x", "y", "both", "all pairs"])
