@@ -24,11 +24,11 @@ from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
 from jaxmotion._numerics import safe_norm
-from jaxmotion._types import AnyArray, ScalarLike
+from jaxmotion._types import ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.motion import Motion
-from jaxmotion.smoothing import MotionTuning, Tuning, lgs, smooth_motion, smooth_quaternions
-from jaxmotion.smoothing.tuning import Criterion, tune_transforms
+from jaxmotion.smoothing import MotionTuning, lgs, smooth_motion, smooth_quaternions
+from jaxmotion.smoothing.tuning import Criterion, tune_signal
 
 _RATIO = np.sqrt(2.0)
 _LAM_0, _SIGMA_0 = 1.0, 0.1
@@ -107,22 +107,17 @@ def _decompose(
     lam, sigma = _rung_parameters(rung, motion.dtype)
     base = smooth_motion(motion, lam, sigma, order=order, weights=weights)
     whole = minus(motion, base)
-    turning = moving = Tuning(lam_c, sigma_c, jnp.zeros_like(lam_c))
+    # One smoother for both: f[T, J, 2, 3], each joint's translation and rotation apart.
+    both = jnp.stack([whole.translations, whole.rotations], axis=2)
     tuning = None
     if criterion is not None:
-        tuning = tune_transforms(
-            whole.rotations,
-            whole.translations,
-            motion.translated_joints,
-            criterion=criterion,
-            weights=weights,
-            order=order,
-        )
-        turning, moving = tuning.rotations, tuning.translations
-    control = Displacement(
-        _smoothed(whole.translations, moving, order, weights),
-        _smoothed(whole.rotations, turning, order, weights),
-    )
+        tuning = _tuned(both, criterion, order, weights)
+        moving, turning = tuning.translations, tuning.rotations
+        lam_c = jnp.stack([moving.lam, turning.lam], axis=1)
+        sigma_c = jnp.stack([moving.sigma, turning.sigma], axis=1)
+    lam_c, sigma_c = (p.reshape(p.shape + (1,) * (3 - p.ndim)) for p in (lam_c, sigma_c))
+    smooth = lgs(both, lam_c, sigma_c, order=order, weights=weights).mean
+    control = Displacement(smooth[:, :, 0], smooth[:, :, 1])
     left = quaternion.between(quaternion.exp(control.rotations), quaternion.exp(whole.rotations))
     residual = Displacement(whole.translations - control.translations, quaternion.log(left))
     return MotionLayers(base, control, residual, lam, sigma, saturated, tuning)
@@ -160,8 +155,10 @@ def _rung_parameters(k: Array, dtype) -> tuple[Array, Array]:
     return _LAM_0 * growth, _SIGMA_0 * growth
 
 
-def _smoothed(
-    x: AnyArray, parameters: Tuning, order: Literal[1, 2], weights: Array | None
-) -> Array:
-    lam, sigma = (p if p.ndim == 0 else p[:, None] for p in (parameters.lam, parameters.sigma))
-    return lgs(x, lam, sigma, order=order, weights=weights).mean
+def _tuned(
+    both: Array, criterion: Criterion, order: Literal[1, 2], weights: Array | None
+) -> MotionTuning:
+    groups = both.reshape(both.shape[0], -1, 3)
+    found = tune_signal(groups, criterion=criterion, order=order, weights=weights)
+    moving, turning = (jax.tree.map(lambda x, k=k: x.reshape(-1, 2)[:, k], found) for k in (0, 1))
+    return MotionTuning(turning, moving)

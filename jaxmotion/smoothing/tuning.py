@@ -84,10 +84,42 @@ def tune(
         raise ValueError(f"tune: criterion={criterion!r}; expected 'evidence', 'gcv' or 'holdout'")
     if per not in ("clip", "joint", "channel"):
         raise ValueError(f"tune: per={per!r}; expected 'clip', 'joint' or 'channel'")
-    options = {"index": index, "num_frames": num_frames, "order": order, "scale": scale}
+    options = {"criterion": criterion, "per": per, "order": order, "scale": scale}
+    options |= {"index": index, "num_frames": num_frames}
     if isinstance(y, Motion):
-        return _tune_motion(y, criterion, per, weights, options)
-    y = jnp.asarray(y)
+        return _tune_motion(y, weights, options)
+    return tune_signal(jnp.asarray(y), weights=weights, **options)
+
+
+def _tune_motion(motion: Motion, weights: ArrayLike | None, options: dict) -> MotionTuning:
+    if options["per"] == "channel":
+        raise ValueError("tune: per='channel' needs a signal; a motion has 'clip' or 'joint'")
+    rotations = quaternion.align_signs(motion.rotations)
+    turning = tune_signal(rotations, weights=weights, **options)
+    moved = np.asarray(motion.translated_joints, int)
+    ones = jnp.ones_like(turning.lam)
+    if not moved.size:
+        return MotionTuning(turning, Tuning(ones, ones, ones))
+    if weights is not None and np.ndim(weights) > 1:
+        weights = jnp.asarray(weights)[:, moved]
+    moving = tune_signal(motion.translations[:, moved], weights=weights, **options)
+    if options["per"] == "joint":
+        moving = jax.tree.map(lambda x: ones.at[moved].set(x), moving)
+    return MotionTuning(turning, moving)
+
+
+def tune_signal(
+    y: Float[Array, "data *channels"],
+    *,
+    criterion: Criterion = "evidence",
+    per: Per = "joint",
+    index: ArrayLike | None = None,
+    num_frames: int | None = None,
+    weights: ArrayLike | None = None,
+    order: Literal[1, 2] = 2,
+    scale: Literal["half", "unit"] = "half",
+) -> Tuning:
+    """:func:`tune` for a signal f[Nd, *channels], with its options."""
     channels = y.shape[1:]
     kept = {"clip": (), "joint": channels[:1], "channel": channels}[per]
     grouped = y.reshape(y.shape[0], int(np.prod(kept)), -1)
@@ -97,53 +129,6 @@ def tune(
         weights = jnp.broadcast_to(spread, y.shape).reshape(grouped.shape)
     found = _tune(grouped, weights, index, criterion, num_frames, order, scale)
     return jax.tree.map(lambda x: x.reshape(kept), found)
-
-
-def _tune_motion(motion: Motion, criterion, per, weights, options) -> MotionTuning:
-    if per == "channel":
-        raise ValueError("tune: per='channel' needs a signal; a motion has 'clip' or 'joint'")
-    return tune_transforms(
-        quaternion.align_signs(motion.rotations),
-        motion.translations,
-        motion.translated_joints,
-        criterion=criterion,
-        per=per,
-        weights=weights,
-        **options,
-    )
-
-
-def tune_transforms(
-    rotations: Float[Array, "data joint ..."],
-    translations: Float[Array, "data joint 3"],
-    translated_joints: tuple[int, ...],
-    *,
-    weights: ArrayLike | None = None,
-    **options,
-) -> MotionTuning:
-    """:func:`tune` on rotations (in whatever coordinates) and, where they vary, translations.
-
-    **Arguments:** ``rotations``: f[Nd, J, C]; ``translations``: f[Nd, J, 3]; ``weights``: f[Nd] or
-    f[Nd, J]; ``options``: of :func:`tune`. **Returns:** :class:`MotionTuning`.
-    """
-    turning = _tuned(rotations, weights, options)
-    moved = np.asarray(translated_joints, int)
-    if not moved.size:
-        ones = jnp.ones_like(turning.lam)
-        return MotionTuning(turning, Tuning(ones, ones, ones))
-    if weights is not None and np.ndim(weights) > 1:
-        weights = jnp.asarray(weights)[:, moved]
-    moving = _tuned(translations[:, moved], weights, options)
-    if turning.lam.ndim:
-        ones = jnp.ones_like(turning.lam)
-        moving = jax.tree.map(lambda x: ones.at[moved].set(x), moving)
-    return MotionTuning(turning, moving)
-
-
-def _tuned(y: Array, weights: ArrayLike | None, options: dict) -> Tuning:
-    found = tune(y, weights=weights, **options)
-    assert isinstance(found, Tuning)
-    return found
 
 
 @eqx.filter_jit
