@@ -18,6 +18,11 @@ from jaxmotion.linalg.difference_chain import (
     chain_sample,
     chain_solve,
 )
+from jaxmotion.linalg.parallel_chain import (
+    parallel_chain_covariance,
+    parallel_chain_factor,
+    parallel_chain_solve,
+)
 
 __all__ = [
     "BandedFactor",
@@ -34,4 +39,7 @@ __all__ = [
     "chain_matvec",
     "chain_sample",
     "chain_solve",
+    "parallel_chain_covariance",
+    "parallel_chain_factor",
+    "parallel_chain_solve",
 ]

@@ -124,8 +124,7 @@ def chain_solve(chain: DifferenceChain, b: Float[Array, "frames ..."]) -> Array:
     another solve with the same factor, never a differentiated scan.
     """
     fixed = lax.stop_gradient(chain)
-    factor = chain_factor(fixed)
-    weight = (fixed.position - fixed.cross).at[:-1].add(fixed.cross[1:])  # P 1
+    factor, weight = chain_factor(fixed), row_sums(fixed)
 
     def solve(_, b):
         return _substitute(factor, weight, b)
@@ -133,12 +132,22 @@ def chain_solve(chain: DifferenceChain, b: Float[Array, "frames ..."]) -> Array:
     return lax.custom_linear_solve(partial(chain_matvec, chain), b, solve, symmetric=True)
 
 
-def _substitute(factor: ChainFactor, weight: Array, b: Array) -> Array:
-    """Substitute ``b - level * (P 1)`` forwards and back; the level is added at the end."""
-    # Any level will do: the first observed frame's own value costs nothing and keeps digits.
+def row_sums(chain: DifferenceChain) -> Array:
+    """``P 1``."""
+    return (chain.position - chain.cross).at[:-1].add(chain.cross[1:])
+
+
+def level_of(weight: Array, b: Array) -> Array:
+    """A constant near x, from ``weight = P 1``: solving for the rest keeps digits."""
+    # Any level will do: the first observed frame's own value costs nothing.
     first = jnp.argmax(weight > 0, axis=0, keepdims=True)
     seen = jnp.take_along_axis(b, jnp.broadcast_to(first, (1, *b.shape[1:])), axis=0)[0]
-    level = seen / jnp.take_along_axis(weight, first, axis=0)[0]
+    return seen / jnp.take_along_axis(weight, first, axis=0)[0]
+
+
+def _substitute(factor: ChainFactor, weight: Array, b: Array) -> Array:
+    """Substitute ``b - level * (P 1)`` forwards and back; the level is added at the end."""
+    level = level_of(weight, b)
 
     def forward(data, inputs):
         h, k = data

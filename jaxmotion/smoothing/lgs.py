@@ -52,7 +52,11 @@ from jaxmotion.linalg import (
     chain_log_det,
     chain_sample,
     chain_solve,
+    parallel_chain_covariance,
+    parallel_chain_factor,
+    parallel_chain_solve,
 )
+from jaxmotion.linalg.difference_chain import State
 from jaxmotion.smoothing.design import Observations, observe
 
 
@@ -71,18 +75,18 @@ class Posterior(eqx.Module):
     _observations: Observations
     _order: int = eqx.field(static=True)
     _shared: bool = eqx.field(static=True)
+    _parallel: bool = eqx.field(static=True)
 
     @property
     def variance(self) -> Array:
         """Variance of each frame: ``(Nf,)`` when lam, sigma and weights are shared by all channels,
         else ``(Nf, *k)``, which broadcasts against the mean. O(Nf)."""
-        cov = chain_covariance(chain_factor(self._chain))
-        return self._per_frame(cov.position)
+        return self._per_frame(self._covariance().position)
 
     @property
     def lag_one_covariance(self) -> Array:
         """Covariance of frames j and j + 1, ``(Nf - 1,)`` or ``(Nf - 1, *k)``. O(Nf)."""
-        cov = chain_covariance(chain_factor(self._chain))
+        cov = self._covariance()
         return self._per_frame(cov.position[1:] - cov.cross[1:])
 
     @property
@@ -94,7 +98,7 @@ class Posterior(eqx.Module):
     def leverage(self) -> Array:
         """``w_i`` times the posterior variance of ``(A x)_i`` over ``sigma^2``: the diagonal of the
         hat matrix, ``(Nd, *k)``; its sum is the effective number of parameters. O(Nf + Nd)."""
-        return self._observations.leverage(chain_covariance(chain_factor(self._chain)))
+        return self._observations.leverage(self._covariance())
 
     @property
     def energy(self) -> Array:
@@ -113,6 +117,11 @@ class Posterior(eqx.Module):
         noise = jax.vmap(lambda key: chain_sample(factor, key, self.mean.shape[1:]))(keys)
         return (self.mean + self._sigma * noise).reshape(*shape, *self.mean.shape)
 
+    def _covariance(self) -> State:
+        if self._parallel:
+            return parallel_chain_covariance(parallel_chain_factor(self._chain))
+        return chain_covariance(chain_factor(self._chain))
+
     def _per_frame(self, covariance: Array) -> Array:
         covariance = covariance * self._sigma**2
         return covariance.reshape(covariance.shape[0]) if self._shared else covariance
@@ -128,6 +137,7 @@ def lgs(
     order: int = 2,
     weights: ArrayLike | None = None,
     scale: str = "half",
+    parallel: bool = False,
 ) -> Posterior:
     """Smooth, denoise or resample a signal; returns its ``Posterior``.
 
@@ -141,6 +151,9 @@ def lgs(
     scale: "half" or "unit" rows of L (order 2 only).
     weights: ``(Nd,)`` or ``(Nd, *k)``, >= 0, dividing the noise variance; 0 is missing, whatever y
         holds there.
+    parallel: find mean, variance, lag-one covariance and leverage in O(log Nf) steps one after
+        another, with more work: for a GPU or TPU (``linalg.parallel_chain``); same answers.
+        Evidence and samples are sequential either way.
 
     Differentiable in y, lam, sigma, weights and a fractional index, in both modes.
     Raises ValueError on wrong shapes and on values known to Python to be wrong; values inside JAX
@@ -158,7 +171,7 @@ def lgs(
     lam = _checked_parameter("lam", lam, channels, y.dtype)
     sigma = _checked_parameter("sigma", sigma, channels, y.dtype)
     seen = observe(index, num_frames, weights, y.shape, y.dtype, null_space=order)
-    return _lgs(y, lam, sigma, seen, order, scale, shared)
+    return _lgs(y, lam, sigma, seen, order, scale, shared, parallel)
 
 
 @eqx.filter_jit
@@ -170,6 +183,7 @@ def _lgs(
     order: int,
     scale: str,
     shared: bool,
+    parallel: bool,
 ) -> Posterior:
     lam = eqx.error_if(lam, ~jnp.all((lam > 0) & jnp.isfinite(lam)), "lam must be positive")
     sigma = eqx.error_if(
@@ -181,7 +195,8 @@ def _lgs(
     curvature, speed = _penalties(lam, sigma, seen.num_frames, order, scale)
     n0, n1, n2 = seen.information(y.dtype, y.ndim - 1)
     chain = DifferenceChain(curvature, n0, n1, n2 + speed)
-    mean = chain_solve(chain, seen.to_frames(y))
+    solve = parallel_chain_solve if parallel else chain_solve
+    mean = solve(chain, seen.to_frames(y))
     # Any NaN or infinity of the data reaches every frame of its channel.
     mean = eqx.error_if(
         mean,
@@ -189,7 +204,7 @@ def _lgs(
         "y holds NaN or infinite values (give missing data weight 0), "
         "or lam * sigma is too large for its dtype",
     )
-    return Posterior(mean, sigma, chain, (curvature, speed), y, seen, order, shared)
+    return Posterior(mean, sigma, chain, (curvature, speed), y, seen, order, shared, parallel)
 
 
 def _penalties(
