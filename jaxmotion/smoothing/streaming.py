@@ -91,6 +91,10 @@ class StreamingSmoother(eqx.Module):
         self.lam, self.sigma = _checked("lam", lam), _checked("sigma", sigma)
         self.lag, self.scale, self.rotations = lag, scale, rotations
 
+    # By identity: scan keeps functions by their hash, and arrays have none.
+    __hash__ = object.__hash__
+    __eq__ = object.__eq__
+
     def init(self, frame: ArrayLike, weight: ArrayLike = 1.0) -> StreamState:
         """State before the first frame. Only shapes and dtype of ``frame`` and ``weight``, examples
         of what ``step`` will get, are used: weights per channel or joint need their own gains."""

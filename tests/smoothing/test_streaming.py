@@ -123,6 +123,8 @@ def test_step_by_step_equals_scan_and_vmap():
         state, out = smoother.step(state, y[t])
         np.testing.assert_allclose(out, late[t], atol=1e-12)
     np.testing.assert_allclose(smoother.flush(state), rest, atol=1e-12)
+    _, scanned = jax.lax.scan(smoother.step, smoother.init(y[0]), y)
+    np.testing.assert_allclose(scanned, late, atol=1e-12)
     mapped, _ = jax.vmap(run, (None, 0, None))(smoother, np.stack([y, y[::-1]]), weights)
     np.testing.assert_allclose(mapped[0], late, atol=1e-12)
     np.testing.assert_allclose(mapped[1], run(smoother, y[::-1], weights)[0], atol=1e-12)
