@@ -17,7 +17,7 @@ _BESIDE = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
-    """Folder of real captures: ``JAXMOTION_TEST_DATA``, else ``../shared/data`` beside the project."""
+    """Real captures: ``JAXMOTION_TEST_DATA``, else ``../shared/data`` beside the project."""
     named = os.environ.get("JAXMOTION_TEST_DATA")
     folder = Path(named) if named else _BESIDE
     if not folder.is_dir():
