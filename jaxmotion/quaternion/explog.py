@@ -17,11 +17,12 @@ from jaxmotion._numerics import (
     angle_over_sine,
     cos_half,
     rounding_angle,
+    safe_arctan2,
     safe_sqrt,
     sin_half_over,
 )
 from jaxmotion._types import ArrayLike, Quaternion, Vector3
-from jaxmotion.quaternion.algebra import assemble, between, components
+from jaxmotion.quaternion.algebra import assemble, components, half_angle_between
 
 
 def exp(v: Vector3) -> Quaternion:
@@ -72,5 +73,6 @@ def distance(a: Quaternion, b: Quaternion) -> Float[Array, "..."]:
 
     **Arguments:** ``a``, ``b``: (..., 4), unit, broadcast. **Returns:** (...), radians.
     """
-    v = log(between(a, b))
-    return safe_sqrt(jnp.sum(v * v, -1), rounding_angle(v.dtype) ** 2)
+    squared, cosine = half_angle_between(a, b)
+    sine = safe_sqrt(squared, (0.5 * rounding_angle(squared.dtype)) ** 2)
+    return 2 * safe_arctan2(sine, jnp.abs(cosine))
