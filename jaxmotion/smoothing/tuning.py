@@ -158,22 +158,23 @@ def _tune(y, weights, index, criterion: str, num_frames, order, scale) -> Tuning
             scale=scale,
         )
 
-    def variance_at_data(s):
+    def evaluate(s):
+        """F and σ² of every group."""
         post = smooth(s, weights)
-        rss = floor + jnp.sum(base * present * (y - post.fitted) ** 2, axis=(0, 2))
-        trace = jnp.sum(jnp.broadcast_to(post.leverage, y.shape) * present, axis=(0, 2))
-        return rss, jnp.clip(count - trace, min=jnp.finfo(y.dtype).eps * count)
-
-    def score(s):
         if criterion == "evidence":
-            post = smooth(s, weights)
             energy = jnp.sum(post.energy, axis=1)
             rest = -2 * jnp.sum(post.log_evidence, axis=1) - energy
-            return free * jnp.log(energy + floor) + rest
+            energy = energy + floor
+            return free * jnp.log(energy) + rest, energy / jnp.maximum(free, 1)
+        rss = floor + jnp.sum(base * present * (y - post.fitted) ** 2, axis=(0, 2))
+        trace = jnp.sum(jnp.broadcast_to(post.leverage, y.shape) * present, axis=(0, 2))
+        degrees = jnp.clip(count - trace, min=jnp.finfo(y.dtype).eps * count)
         if criterion == "gcv":
-            rss, degrees = variance_at_data(s)
-            return jnp.log(rss) - 2 * jnp.log(degrees / count)
-        return jnp.log(floor + _held_out(smooth, s, y, base * present))
+            return jnp.log(rss) - 2 * jnp.log(degrees / count), rss / degrees
+        return jnp.log(floor + _held_out(smooth, s, y, base * present)), rss / degrees
+
+    def score(s):
+        return evaluate(s)[0]
 
     grid = jnp.asarray(_GRID, y.dtype)
     groups = y.shape[1]
@@ -189,15 +190,10 @@ def _tune(y, weights, index, criterion: str, num_frames, order, scale) -> Tuning
 
     low, high = jax.lax.fori_loop(0, _BISECTIONS, bisect, (low, high))
     s = jnp.where(free > 0, 0.5 * (low + high), 0.0)
-    if criterion == "evidence":
-        energy = jnp.sum(smooth(s, weights).energy, axis=1)
-        variance = (energy + floor) / jnp.maximum(free, 1)
-    else:
-        rss, degrees = variance_at_data(s)
-        variance = rss / degrees
+    found, variance = evaluate(s)
     sigma = jnp.sqrt(variance)
     lam = jnp.exp(s) / (sigma if order == 2 else variance)
-    return Tuning(lam, sigma, score(s))
+    return Tuning(lam, sigma, found)
 
 
 def _held_out(smooth, s: Array, y: Array, weights: Array) -> Array:
