@@ -8,6 +8,15 @@ from jaxmotion.linalg.banded import (
     banded_selected_inverse,
     banded_solve,
 )
+from jaxmotion.linalg.block_banded import (
+    BlockBandedFactor,
+    block_banded_factor,
+    block_banded_log_det,
+    block_banded_matvec,
+    block_banded_selected_inverse,
+    block_banded_solve,
+    block_banded_substitute,
+)
 from jaxmotion.linalg.difference_chain import (
     ChainFactor,
     DifferenceChain,
@@ -18,6 +27,7 @@ from jaxmotion.linalg.difference_chain import (
     chain_sample,
     chain_solve,
 )
+from jaxmotion.linalg.least_squares import BlockBandedCholesky, GaussNewton, LevenbergMarquardt
 from jaxmotion.linalg.parallel_chain import (
     parallel_chain_covariance,
     parallel_chain_factor,
@@ -26,13 +36,23 @@ from jaxmotion.linalg.parallel_chain import (
 
 __all__ = [
     "BandedFactor",
+    "BlockBandedCholesky",
+    "BlockBandedFactor",
     "ChainFactor",
     "DifferenceChain",
+    "GaussNewton",
+    "LevenbergMarquardt",
     "banded_factor",
     "banded_log_det",
     "banded_matvec",
     "banded_selected_inverse",
     "banded_solve",
+    "block_banded_factor",
+    "block_banded_log_det",
+    "block_banded_matvec",
+    "block_banded_selected_inverse",
+    "block_banded_solve",
+    "block_banded_substitute",
     "chain_covariance",
     "chain_factor",
     "chain_log_det",

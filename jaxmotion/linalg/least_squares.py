@@ -173,8 +173,8 @@ class _DecreaseState(eqx.Module):
 class Decrease(optimistix.AbstractSearch):
     """Full steps; halved while they raise the cost by more than its rounding error.
 
-    Finished after a step shorter than ``atol + rtol * norm(y)``, or when steps stop shrinking
-    while the cost cannot tell the two iterates apart: no more digits are to be had.
+    Finished after a step shorter than ``atol + rtol * norm(y)``, or shorter than 16 times that when
+    steps stop shrinking and the cost cannot tell the iterates apart: no more digits are to be had.
     """
 
     rtol: float
@@ -199,9 +199,10 @@ class Decrease(optimistix.AbstractSearch):
         moved = self.norm(y_eval - y)
         rounding = 8 * float(jnp.finfo(cost.dtype).eps) * cost
         accept = first_step | (cost_eval <= cost + rounding)
-        converged = moved <= self.atol + self.rtol * self.norm(y_eval)
-        stalled = (jnp.abs(cost_eval - cost) <= rounding) & (moved > 0.5 * state.moved)
-        finished = ~first_step & (converged | stalled)
+        enough = self.atol + self.rtol * self.norm(y_eval)
+        level = jnp.abs(cost_eval - cost) <= rounding
+        stalled = level & (moved > 0.5 * state.moved) & (moved <= 16 * enough)
+        finished = ~first_step & ((moved <= enough) | stalled)
         step_size = jnp.where(accept, jnp.ones_like(state.step_size), 0.5 * state.step_size)
         moved = jnp.where(first_step, state.moved, moved)
         state = _DecreaseState(step_size, moved, finished)

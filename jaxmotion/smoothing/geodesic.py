@@ -22,8 +22,9 @@ step in time and memory; 3 to 12 steps. Derivatives in q, lam, sigma, weights an
 are those of the stationary point: one solve with the exact Hessian, at the answer.
 
 Sharp bits: the cost has one minimum only while data stay well within half a turn of the smoothed
-motion; beyond it, this is the minimum near the chordal answer. The step is solved from normal
-equations, so that digits go as (lam sigma)^2: float32 serves lam sigma up to a few hundred.
+motion; beyond it, this is the minimum near the chordal answer. Steps shrink slowly where data lie
+2 rad and more from the answer, and under robust losses when most data count as outliers. A step is
+solved from normal equations, so digits go as (lam sigma)^2: float32 serves up to lam sigma = 1000.
 """
 
 import functools
@@ -45,9 +46,9 @@ from jaxmotion.linalg.block_banded import block_banded_factor, block_banded_sele
 from jaxmotion.linalg.least_squares import BlockBandedCholesky, GaussNewton, probe_blocks
 from jaxmotion.smoothing.design import Observations, observe
 from jaxmotion.smoothing.rotations import smooth_quaternions
-from jaxmotion.smoothing.tangent import inverse_jacobian, relative
+from jaxmotion.smoothing.tangent import component_first, inverse_jacobian, relative
 
-_MAX_STEPS = 64
+_MAX_STEPS = 256
 _TUNING = {"huber": 1.345, "cauchy": 2.385}
 
 
@@ -62,6 +63,11 @@ class _Problem(eqx.Module):
     seen: Observations
     order: int = eqx.field(static=True)
     loss: str = eqx.field(static=True)
+
+    @property
+    def still(self) -> Float[Array, "frames 3 joints"]:
+        """No turn."""
+        return jnp.zeros_like(component_first(self.start[..., 1:]))
 
     def rotations(self, turn: Float[Array, "frames 3 joints"]) -> Quaternion:
         """x = s exp(d)."""
@@ -167,18 +173,12 @@ class GeodesicPosterior(eqx.Module):
     @property
     def cost(self) -> Float[Array, "*joints"]:
         """The minimised cost of every joint."""
-        still = jnp.zeros_like(jnp.moveaxis(self._problem.start[..., 1:], -1, 1))
-        parts = (
-            jnp.sum(r**2, axis=tuple(range(r.ndim - 1))) for r in _residuals(still, self._problem)
-        )
-        cost = 0.5 * sum(parts, start=jnp.zeros_like(self._problem.sigma))
-        return (cost / self._problem.sigma**2).reshape(self.mean.shape[1:-1])
+        return _cost(self._problem).reshape(self.mean.shape[1:-1])
 
     @property
     def gradient_norm(self) -> Float[Array, ""]:
         """Largest derivative of sigma^2 times the cost in any turn of any frame; 0 at a minimum."""
-        still = jnp.zeros_like(jnp.moveaxis(self._problem.start[..., 1:], -1, 1))
-        return jnp.max(jnp.abs(_torque(still, self._problem)))
+        return _gradient_norm(self._problem)
 
     @property
     def statistics(self) -> dict[str, Array | optimistix.RESULTS]:
@@ -199,8 +199,22 @@ class GeodesicPosterior(eqx.Module):
 
 
 @eqx.filter_jit
+def _cost(problem: _Problem) -> Array:
+    parts = (
+        jnp.sum(r**2, axis=tuple(range(r.ndim - 1))) for r in _residuals(problem.still, problem)
+    )
+    cost = 0.5 * functools.reduce(jnp.add, parts) / problem.sigma**2
+    return jnp.broadcast_to(cost, problem.start.shape[1:2])
+
+
+@eqx.filter_jit
+def _gradient_norm(problem: _Problem) -> Array:
+    return jnp.max(jnp.abs(_torque(problem.still, problem)))
+
+
+@eqx.filter_jit
 def _covariance(problem: _Problem) -> Array:
-    still = jnp.zeros_like(jnp.moveaxis(problem.start[..., 1:], -1, 1))
+    still = problem.still
     _, forward = jax.linearize(lambda turn: _residuals(turn, problem), still)
     backward = jax.linear_transpose(forward, still)
     like = jax.ShapeDtypeStruct(still.shape, still.dtype)
@@ -277,7 +291,7 @@ def geodesic(
 @eqx.filter_jit
 def _solve(problem: _Problem, throw: bool, joints: tuple[int, ...]) -> GeodesicPosterior:
     frozen = jax.tree.map(lax.stop_gradient, problem)
-    still = jnp.zeros_like(jnp.moveaxis(frozen.start[..., 1:], -1, 1))
+    still = frozen.still
     inner = BlockBandedCholesky(problem.order)
     found = optimistix.least_squares(
         _residuals,
