@@ -79,23 +79,24 @@ def dense_minimum(y, start, order, loss="l2", index=None, weights=None, lam=LAM,
 @pytest.mark.parametrize(
     ("order", "loss", "options"),
     [
-        (1, "l2", {}),
+        (1, "huber", {}),
         (2, "cauchy", {"weights": np.array([1.0, 0.0, 2.0, 1.0, 1.0, 1.0, 0.5, 1.0])}),
-        (1, "huber", {"index": np.array([0, 3, 4, 9]), "num_frames": 11}),
+        (1, "l2", {"index": np.array([0, 3, 4, 9]), "num_frames": 11}),
         (2, "l2", {"index": np.array([0.0, 2.5, 4.25, 8.7]), "num_frames": 10}),
     ],
 )
 def test_agrees_with_dense_scipy_minimiser(order, loss, options):
     y = clip(len(options.get("index", range(8))))
+    lam = 20.0 if loss == "huber" else LAM  # so that some data do count as outliers
 
     @eqx.filter_jit
     def solve(y):
-        start = smooth_quaternions(y, LAM, SIGMA, order=order, **options)
-        return geodesic(y, LAM, SIGMA, order=order, loss=loss, **options), start
+        start = smooth_quaternions(y, lam, SIGMA, order=order, **options)
+        return geodesic(y, lam, SIGMA, order=order, loss=loss, **options), start
 
     found, start = solve(jnp.asarray(y))
     oracle = {k: v for k, v in options.items() if k != "num_frames"}
-    expected, cost = dense_minimum(y[:, 0], start[:, 0], order, loss, **oracle)
+    expected, cost = dense_minimum(y[:, 0], start[:, 0], order, loss, lam=lam, **oracle)
     assert largest_angle(found.mean, expected) < 1e-8
     np.testing.assert_allclose(found.cost, [cost], rtol=1e-12)
     assert found.converged
