@@ -80,10 +80,6 @@ def tune(
     ``smooth_quaternions`` and ``smooth_motion``. Data too short to learn from (n ≤ 0) get ρ = 1.
     **Raises:** ``ValueError`` for unknown options; as ``lgs`` for bad data.
     """
-    if criterion not in ("evidence", "gcv", "holdout"):
-        raise ValueError(f"tune: criterion={criterion!r}; expected 'evidence', 'gcv' or 'holdout'")
-    if per not in ("clip", "joint", "channel"):
-        raise ValueError(f"tune: per={per!r}; expected 'clip', 'joint' or 'channel'")
     options = {"criterion": criterion, "per": per, "order": order, "scale": scale}
     options |= {"index": index, "num_frames": num_frames}
     if isinstance(y, Motion):
@@ -120,6 +116,10 @@ def tune_signal(
     scale: Literal["half", "unit"] = "half",
 ) -> Tuning:
     """:func:`tune` for a signal f[Nd, *channels], with its options."""
+    if criterion not in ("evidence", "gcv", "holdout"):
+        raise ValueError(f"tune: criterion={criterion!r}; expected 'evidence', 'gcv' or 'holdout'")
+    if per not in ("clip", "joint", "channel"):
+        raise ValueError(f"tune: per={per!r}; expected 'clip', 'joint' or 'channel'")
     channels = y.shape[1:]
     kept = {"clip": (), "joint": channels[:1], "channel": channels}[per]
     grouped = y.reshape(y.shape[0], int(np.prod(kept)), -1)
