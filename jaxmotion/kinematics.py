@@ -30,7 +30,7 @@ from jaxtyping import Array, Float
 from jaxmotion import quaternion
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion.algebra import multiply, rotate
-from jaxmotion.skeleton import Skeleton
+from jaxmotion.skeleton import Skeleton, levels_of
 
 Lanes = Float[Array, "_ joint #time"]
 
@@ -91,10 +91,7 @@ class _Levels:
     """The tree sorted by depth: index arrays for gathering parents and children."""
 
     def __init__(self, parents: tuple[int, ...]):
-        depth = np.zeros(len(parents), int)
-        for j in range(1, len(parents)):
-            depth[j] = depth[parents[j]] + 1
-        levels = [np.flatnonzero(depth == d) for d in range(depth.max() + 1)]
+        levels = [np.array(level) for level in levels_of(parents)]
         self.order = np.concatenate(levels)
         self.restore = np.argsort(self.order)
         self.parents = np.maximum(parents, 0)

@@ -149,7 +149,7 @@ class Skeleton(eqx.Module):
     @property
     def levels(self) -> tuple[tuple[int, ...], ...]:
         """Joints by depth: ``levels[0] == (0,)``, every joint's parent one level up."""
-        return _levels(self.parents)
+        return levels_of(self.parents)
 
     @property
     def children(self) -> tuple[tuple[int, ...], ...]:
@@ -182,7 +182,8 @@ class Skeleton(eqx.Module):
 # Remembered per tree, not in the Skeleton: equinox would count a cached attribute as part of the
 # pytree's structure, and every function compiled for the skeleton would be compiled again.
 @lru_cache(maxsize=64)
-def _levels(parents: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
+def levels_of(parents: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
+    """Joints of a tree by depth, in order of number: ``levels_of(parents)[0] == (0,)``."""
     found: list[list[int]] = [[0]]
     depth = [0] * len(parents)
     for j, p in enumerate(parents[1:], 1):
