@@ -12,7 +12,6 @@ are numpy or SciPy and share no code with the library.
     no_shape_checks()                the library as users run it, for the errors they see
 """
 
-import inspect
 from contextlib import contextmanager
 
 import jax
@@ -200,11 +199,6 @@ def world_by_matrices(motion: Motion):
     homogeneous = np.concatenate([offsets, np.ones((len(ends), 1))], -1)[..., None]
     tips = (world[..., ends, :, :] @ homogeneous)[..., :3, 0]
     return world[..., :3, 3], world[..., :3, :3], tips
-
-
-def unchecked(f):
-    """``f`` without the annotation checks of the test session, to see its own error messages."""
-    return inspect.unwrap(f)
 
 
 @contextmanager
