@@ -21,10 +21,12 @@ from typing import TYPE_CHECKING
 __version__ = "0.1.0"
 
 _MODULES = (
+    "contacts",
     "displacement",
     "io",
     "layers",
     "linalg",
+    "metrics",
     "quaternion",
     "samples",
     "smoothing",
@@ -49,10 +51,12 @@ _HOMES = {
 
 if TYPE_CHECKING:
     from jaxmotion import (
+        contacts,
         displacement,
         io,
         layers,
         linalg,
+        metrics,
         quaternion,
         samples,
         smoothing,
@@ -75,6 +79,7 @@ __all__ = [
     "Motion",
     "MotionLayers",
     "Skeleton",
+    "contacts",
     "decompose",
     "denoise",
     "displacement",
@@ -85,6 +90,7 @@ __all__ = [
     "layers",
     "linalg",
     "load",
+    "metrics",
     "quaternion",
     "samples",
     "save",

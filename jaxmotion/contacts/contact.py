@@ -1,0 +1,180 @@
+"""Contacts: which points of a body stand still, when, where, and how.
+
+A contact point c is fixed in a joint's frame: in the world it is at
+
+    y_c(t) = x_j(t) + R_j(t)·point_c,        j = joints[c]
+
+While ``mask[t, c]`` is set, y_c(t) is to be at ``target[t, c]``. T frames, C points; the motion's
+unit of length. C = 0 is allowed, and so is a mask that is never set: no contacts.
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxmotion import quaternion
+from jaxmotion._types import AnyArray, ArrayLike
+from jaxmotion.kinematics import forward_kinematics
+from jaxmotion.motion import Motion
+from jaxmotion.skeleton import Skeleton
+
+FREE, POINT, LINE, PLANE = 0, 1, 2, 3
+
+Limb = tuple[int, int, int]
+
+
+class ContactPoints(eqx.Module):
+    """Points of the body that may touch something.
+
+    **Fields:**
+
+    - ``joints``: index of the joint each point is fixed to; static.
+    - ``names``: what to call it ("LeftFoot.heel"); static.
+    - ``limbs``: the two-bone limb that carries it, (root, middle, end) joints, or None where there
+      is none (a head, a root); the end is the point's joint or above it; static.
+    - ``point``: f[C, 3], in the joint's frame.
+
+    **Raises:** ``ValueError`` when the pieces do not fit together.
+    """
+
+    joints: tuple[int, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+    limbs: tuple[Limb | None, ...] = eqx.field(static=True)
+    point: Float[AnyArray, "point 3"]
+
+    def __init__(
+        self,
+        skeleton: Skeleton,
+        joints: Sequence[int | str],
+        point: ArrayLike | None = None,
+        *,
+        names: Sequence[str] | None = None,
+        limbs: Sequence[Limb | None] | None = None,
+    ):
+        self.joints = tuple(skeleton.index(j) if isinstance(j, str) else int(j) for j in joints)
+        if bad := [j for j in self.joints if not 0 <= j < skeleton.num_joints]:
+            raise ValueError(
+                f"ContactPoints: joints has {bad[0]}; expected 0..{skeleton.num_joints - 1}"
+            )
+        count, dtype = len(self.joints), skeleton.offsets.dtype
+        self.point = jnp.zeros((count, 3), dtype) if point is None else jnp.asarray(point, dtype)
+        self.names = tuple(names or (skeleton.names[j] for j in self.joints))
+        self.limbs = tuple(limbs or _limbs(skeleton.parents, self.joints))
+        if self.point.shape != (count, 3) or not len(self.names) == len(self.limbs) == count:
+            raise ValueError(
+                f"ContactPoints: {count} joints, but point has shape {self.point.shape}, expected "
+                f"({count}, 3), and there are {len(self.names)} names and {len(self.limbs)} limbs"
+            )
+
+    @property
+    def num_points(self) -> int:
+        """C."""
+        return len(self.joints)
+
+    def positions(self, motion: Motion) -> Float[Array, "time point 3"]:
+        """World positions of the points: f[T, C, 3]."""
+        pose = forward_kinematics(motion)
+        index = np.asarray(self.joints, int)
+        offset = quaternion.rotate(pose.rotations[:, index], jnp.asarray(self.point, motion.dtype))
+        return pose.positions[:, index] + offset
+
+
+class Contacts(eqx.Module):
+    """When and where the points touch; the module has the equation.
+
+    **Fields:**
+
+    - ``points``: the :class:`ContactPoints`; ``joints``, ``names``, ``limbs`` and ``point`` are
+      also properties here.
+    - ``mask``: bool[T, C], in contact.
+    - ``kind``: i8[T, C], what of the point's segment is at rest: 0 nothing (free), 1 the point,
+      2 a line through it (the segment rolls over an edge), 3 the whole segment.
+    - ``target``: f[T, C, 3], world: where the point is held, one place for each contact; where
+      free, the point's own position.
+    - ``confidence``: f[T, C], in [0, 1].
+
+    **Raises:** ``ValueError`` for shapes that do not fit.
+    """
+
+    points: ContactPoints
+    mask: Bool[AnyArray, "time point"]
+    kind: Int[AnyArray, "time point"]
+    target: Float[AnyArray, "time point 3"]
+    confidence: Float[AnyArray, "time point"]
+
+    def __init__(
+        self,
+        points: ContactPoints,
+        mask,
+        target,
+        *,
+        kind=None,
+        confidence=None,
+    ):
+        self.points = points
+        self.mask = jnp.asarray(mask)
+        self.target = jnp.asarray(target)
+        free, point = (jnp.asarray(k, jnp.int8) for k in (FREE, POINT))
+        self.kind = jnp.where(self.mask, point, free) if kind is None else jnp.asarray(kind)
+        self.confidence = (
+            self.mask.astype(self.target.dtype) if confidence is None else jnp.asarray(confidence)
+        )
+        shape = (*self.mask.shape[:1], points.num_points)
+        wanted = {"mask": shape, "target": (*shape, 3), "kind": shape, "confidence": shape}
+        for name, size in wanted.items():
+            if getattr(self, name).shape != size:
+                raise ValueError(
+                    f"Contacts: {name} has shape {getattr(self, name).shape}; expected {size}, "
+                    f"(frames, points)"
+                )
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Joint index of each point."""
+        return self.points.joints
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each point."""
+        return self.points.names
+
+    @property
+    def limbs(self) -> tuple[Limb | None, ...]:
+        """(root, middle, end) joints of the limb of each point, or None."""
+        return self.points.limbs
+
+    @property
+    def point(self) -> Float[AnyArray, "point 3"]:
+        """Each point in its joint's frame."""
+        return self.points.point
+
+    @property
+    def num_frames(self) -> int:
+        """T."""
+        return self.mask.shape[0]
+
+    @property
+    def num_points(self) -> int:
+        """C."""
+        return self.points.num_points
+
+
+def limb_above(parents: Sequence[int], end: int) -> Limb | None:
+    """(root, middle, end): the joint, its parent and grandparent, or None so near the root that
+    the limb would have to move the whole body."""
+    middle = parents[end]
+    root = parents[middle] if middle > 0 else -1
+    return (root, middle, end) if root > 0 else None
+
+
+def _limbs(parents: Sequence[int], joints: Sequence[int]) -> list[Limb | None]:
+    """The limb above each joint; joints that hang from another of them (toes) share its limb."""
+    limbs = []
+    for end in joints:
+        while parents[end] in joints:
+            end = parents[end]
+        limbs.append(limb_above(parents, end))
+    return limbs
