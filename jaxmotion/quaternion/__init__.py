@@ -24,6 +24,7 @@ from jaxmotion.quaternion.convert import (
 )
 from jaxmotion.quaternion.explog import distance, exp, exp_half, log, log_half, power
 from jaxmotion.quaternion.interpolate import slerp
+from jaxmotion.quaternion.sign_choice import least_energy_signs
 from jaxmotion.quaternion.statistics import mean, std
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "from_rotation_6d",
     "identity",
     "inverse",
+    "least_energy_signs",
     "log",
     "log_half",
     "mean",
