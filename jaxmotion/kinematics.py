@@ -3,8 +3,9 @@
     R_j = R_p ⊗ r_j            rotation of joint j in the world, p its parent
     x_j = x_p + R_p t_j        position, t_j its translation
 
-Level by level from the root, O(T·J). Arrays are worked on with time as the last axis ("lanes",
-shapes (component, joint, time)): every operation is then long vector arithmetic.
+Level by level from the root, O(T·J). Arrays are worked on with joints first and time last
+("lanes", shapes (joint, component, time)): a joint is one block of memory, so levels and parents
+are gathered by whole blocks, and every operation is long vector arithmetic.
 
 The derivative is written by hand, because differentiating the loop costs about twenty forward
 passes. With ω the angular and v the linear velocity that a change (δr, δt) gives every joint,
@@ -14,8 +15,8 @@ passes. With ω the angular and v the linear velocity that a change (δr, δt) g
 
 and the sums over ancestors are the solve of (I − N) y = x, N the parent relation. Its transpose
 sums over descendants: reverse mode gathers forces and torques from the leaves to the root, level
-by level. Local rotations are normalised first, so the derivative along their length is zero; the
-zero quaternion stands for the identity.
+by level. Local rotations are normalised on the way, so the derivative along their length is zero;
+the zero quaternion stands for the identity.
 """
 
 from functools import partial
@@ -29,10 +30,10 @@ from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
 from jaxmotion.motion import Motion
-from jaxmotion.quaternion.algebra import multiply, rotate
+from jaxmotion.quaternion.algebra import multiply, product, rotated
 from jaxmotion.skeleton import Skeleton, levels_of
 
-Lanes = Float[Array, "_ joint #time"]
+Lanes = Float[Array, "joint _ #time"]
 
 
 class WorldPose(eqx.Module):
@@ -55,53 +56,34 @@ def forward_kinematics(motion: Motion) -> WorldPose:
     modes; see the module for the adjoint.
     """
     batch = motion.rotations.shape[:-2]
-    q = _normalize(_to_lanes(motion.rotations))
-    world, positions = _chain(motion.skeleton.parents, q, _to_lanes(motion.translations))
+    lanes = _to_lanes(motion.rotations), _to_lanes(motion.translations)
+    world, positions = _chain(motion.skeleton.parents, *lanes)
     ends = np.asarray(motion.skeleton.end_joints, int)
-    offsets = jnp.asarray(motion.skeleton.end_offsets, q.dtype).T[:, :, None]
-    tips = positions[:, ends] + _rotate(world[:, ends], offsets)
+    offsets = jnp.asarray(motion.skeleton.end_offsets, motion.dtype)[:, :, None]
+    tips = positions[ends] + _turned(world[ends], jnp.unstack(offsets, axis=1))
     return WorldPose(*(_from_lanes(x, batch) for x in (positions, world, tips)))
 
 
-def _to_lanes(x: Array) -> Array:
-    return jnp.transpose(x.reshape(-1, *x.shape[-2:]), (2, 1, 0))
+def _to_lanes(x: Array) -> Lanes:
+    return jax.lax.optimization_barrier(jnp.transpose(x.reshape(-1, *x.shape[-2:]), (1, 2, 0)))
 
 
-def _from_lanes(x: Array, batch: tuple[int, ...]) -> Array:
-    return jnp.transpose(x, (2, 1, 0)).reshape(*batch, x.shape[1], x.shape[0])
-
-
-def _normalize(q: Lanes) -> Lanes:
-    w, x, y, z = jnp.unstack(q)
-    squared = w * w + x * x + y * y + z * z
-    usable = squared > 0
-    scale = jax.lax.rsqrt(jnp.where(usable, squared, 1))
-    return jnp.stack([jnp.where(usable, w * scale, 1), x * scale, y * scale, z * scale])
-
-
-def _rotate(q: Lanes, v: Lanes) -> Lanes:
-    return jnp.moveaxis(rotate(jnp.moveaxis(q, 0, -1), jnp.moveaxis(v, 0, -1)), -1, 0)
-
-
-def _multiply(a: Lanes, b: Lanes) -> Lanes:
-    return jnp.moveaxis(multiply(jnp.moveaxis(a, 0, -1), jnp.moveaxis(b, 0, -1)), -1, 0)
+def _from_lanes(x: Lanes, batch: tuple[int, ...]) -> Array:
+    return jnp.transpose(x, (2, 0, 1)).reshape(*batch, *x.shape[:2])
 
 
 class _Levels:
     """The tree sorted by depth: index arrays for gathering parents and children."""
 
     def __init__(self, parents: tuple[int, ...]):
-        levels = [np.array(level) for level in levels_of(parents)]
-        self.order = np.concatenate(levels)
-        self.restore = np.argsort(self.order)
-        self.parents = np.maximum(parents, 0)
-        self.slices = np.split(np.arange(len(parents)), np.cumsum([len(x) for x in levels])[:-1])
+        self.levels = [np.array(level) for level in levels_of(parents)]
+        self.restore = np.argsort(np.concatenate(self.levels))
         # up[d]: where in level d−1 the parent of each joint of level d is.
         # down[d][c]: the c-th child, in level d+1, of each joint of level d; the size means none.
         self.up = [np.zeros(1, int)]
         self.down = []
-        for above, below in pairwise(levels):
-            up = np.searchsorted(above, self.parents[below])
+        for above, below in pairwise(self.levels):
+            up = np.searchsorted(above, np.asarray(parents)[below])
             kin = [np.flatnonzero(up == k) for k in range(len(above))]
             width = max(len(k) for k in kin)
             self.up.append(up)
@@ -109,91 +91,112 @@ class _Levels:
                 np.stack([np.pad(k, (0, width - len(k)), constant_values=len(up)) for k in kin], 1)
             )
 
-    def descend(self, x: Array, join) -> Array:
-        """Root to leaves: ``y = join(y of the parent, x)``; the root keeps its x."""
-        x = x[:, self.order]
-        levels = [x[:, self.slices[0]]]
-        for up, rows in zip(self.up[1:], self.slices[1:], strict=True):
-            joined = join(levels[-1][:, up], x[:, rows[0] : rows[-1] + 1])
+    def descend(self, x, join):
+        """Root to leaves: ``y = join(y of the parent, x)``; the root keeps ``join(None, x)``.
+        ``x``: a pytree of lanes."""
+        levels = []
+        for up, joints in zip(self.up, self.levels, strict=True):
+            own = jax.tree.map(lambda x, rows=joints: x[rows], x)
+            above = jax.tree.map(lambda y, rows=up: y[rows], levels[-1]) if levels else None
             # Without the barrier XLA recomputes each level inside the next.
-            levels.append(jax.lax.optimization_barrier(joined))
-        return jnp.concatenate(levels, 1)[:, self.restore]
+            levels.append(jax.lax.optimization_barrier(join(above, own)))
+        joined = jax.tree.map(lambda *y: jnp.concatenate(y)[self.restore], *levels)
+        return jax.lax.optimization_barrier(joined)
 
-    def ascend(self, x: Array) -> Array:
+    def ascend(self, x: Lanes) -> Lanes:
         """Leaves to root: each joint's x plus the sums of its children."""
-        x = x[:, self.order]
-        levels = [x[:, self.slices[-1]]]
-        for down, rows in zip(reversed(self.down), reversed(self.slices[:-1]), strict=True):
-            below = jnp.pad(levels[-1], ((0, 0), (0, 1), (0, 0)))
-            total = x[:, rows[0] : rows[-1] + 1]
+        levels = [x[self.levels[-1]]]
+        for down, joints in zip(reversed(self.down), reversed(self.levels[:-1]), strict=True):
+            below = jnp.pad(levels[-1], ((0, 1), (0, 0), (0, 0)))
+            total = x[joints]
             for child in down:
-                total = total + below[:, child]
+                total = total + below[child]
             levels.append(jax.lax.optimization_barrier(total))
-        return jnp.concatenate(levels[::-1], 1)[:, self.restore]
+        return jnp.concatenate(levels[::-1])[self.restore]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _chain(parents: tuple[int, ...], q: Lanes, t: Lanes) -> tuple[Lanes, Lanes]:
-    """World rotations and positions from unit local rotations and translations."""
-    tree = _Levels(parents)
-    world = tree.descend(q, _multiply)
-    steps = _rotate(world[:, tree.parents], t).at[:, 0].set(t[:, 0])
-    return world, tree.descend(steps, jnp.add)
+    """World rotations and positions from local rotations, of any length, and translations."""
+    return _Levels(parents).descend((q, t), _compose)
+
+
+def _compose(above: tuple[Lanes, Lanes] | None, own: tuple[Lanes, Lanes]) -> tuple[Lanes, Lanes]:
+    q, t = (jnp.unstack(x, axis=1) for x in own)
+    squared = _squared_norm(q)
+    usable = squared > 0
+    scale = jax.lax.rsqrt(jnp.where(usable, squared, 1))
+    w, x, y, z = (c * scale for c in q)
+    q = (jnp.where(usable, w, 1), x, y, z)
+    if above is not None:
+        parent, start = (jnp.unstack(x, axis=1) for x in above)
+        q = product(parent, q)
+        t = [a + b for a, b in zip(start, rotated(parent, t), strict=True)]
+    return jnp.stack(q, 1), jnp.stack(t, 1)
+
+
+def _squared_norm(q) -> Array:
+    w, x, y, z = q
+    return w * w + x * x + y * y + z * z
 
 
 @_chain.defjvp
 def _chain_jvp(parents, primals, tangents):
     (q, t), (dq, dt) = primals, tangents
     world, positions = _chain(parents, q, t)
-    tree = _Levels(parents)
-    root = (np.arange(len(parents)) == 0)[:, None]
-    identity = jnp.array([1.0, 0.0, 0.0, 0.0], q.dtype)[:, None, None]
-    above = jnp.where(root, identity, world[:, tree.parents])
-    bone = jnp.where(root, 0, positions - positions[:, tree.parents])
+    above_all = np.maximum(parents, 0)
+    root = (np.arange(len(parents)) == 0)[:, None, None]
+    identity = jnp.array([1.0, 0.0, 0.0, 0.0], q.dtype)[:, None]
+    above = jnp.where(root, identity, world[above_all])
+    bone = jnp.where(root, 0, positions - positions[above_all])
     # The barrier keeps these gathers out of every product below.
     above, bone = jax.lax.optimization_barrier((above, bone))
-    w, x, y, z = jnp.unstack(q)
-    dw, dx, dy, dz = jnp.unstack(dq)
+    squared = _squared_norm(jnp.unstack(q, axis=1))[:, None]
+    w, x, y, z = jnp.unstack(2 * q / jnp.where(squared > 0, squared, 1), axis=1)
+    dw, dx, dy, dz = jnp.unstack(dq, axis=1)
     turn = (
-        2 * (dx * w - dw * x + dz * y - dy * z),
-        2 * (dy * w - dw * y + dx * z - dz * x),
-        2 * (dz * w - dw * z + dy * x - dx * y),
+        dx * w - dw * x + dz * y - dy * z,
+        dy * w - dw * y + dx * z - dz * x,
+        dz * w - dw * z + dy * x - dx * y,
     )
     own = _turned(above, turn)
     omega = _sum_over_ancestors(parents, own)
     swing = _cross(omega - own, bone)
-    velocity = _sum_over_ancestors(parents, swing + _turned(above, jnp.unstack(dt)))
-    w, x, y, z = jnp.unstack(0.5 * world)
-    a, b, c = jnp.unstack(omega)
+    velocity = _sum_over_ancestors(parents, swing + _turned(above, jnp.unstack(dt, axis=1)))
+    w, x, y, z = jnp.unstack(0.5 * world, axis=1)
+    a, b, c = jnp.unstack(omega, axis=1)
     spin = [-a * x - b * y - c * z, a * w + b * z - c * y, b * w + c * x - a * z]
-    return (world, positions), (jnp.stack([*spin, c * w + a * y - b * x]), velocity)
+    return (world, positions), (jnp.stack([*spin, c * w + a * y - b * x], 1), velocity)
 
 
 def _turned(q: Lanes, v) -> Lanes:
     """q v q̄ by the rows of the matrix: linear in v, so each derivative needs only one row."""
-    w, x, y, z = jnp.unstack(q)
+    w, x, y, z = jnp.unstack(q, axis=1)
     a, b, c = v
     return jnp.stack(
         [
             (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c,
             2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * c,
             2 * (x * z - w * y) * a + 2 * (y * z + w * x) * b + (1 - 2 * (x * x + y * y)) * c,
-        ]
+        ],
+        1,
     )
 
 
 def _cross(a: Lanes, b: Lanes) -> Lanes:
-    (x, y, z), (u, v, w) = jnp.unstack(a), jnp.unstack(b)
-    return jnp.stack([y * w - z * v, z * u - x * w, x * v - y * u])
+    (x, y, z), (u, v, w) = jnp.unstack(a, axis=1), jnp.unstack(b, axis=1)
+    return jnp.stack([y * w - z * v, z * u - x * w, x * v - y * u], 1)
 
 
 def _sum_over_ancestors(parents: tuple[int, ...], x: Lanes) -> Lanes:
     tree = _Levels(parents)
-    root = (np.arange(len(parents)) == 0)[:, None]
+    root = (np.arange(len(parents)) == 0)[:, None, None]
     return jax.lax.custom_linear_solve(
-        lambda y: y - jnp.where(root, 0, y[:, tree.parents]),
+        lambda y: y - jnp.where(root, 0, y[np.maximum(parents, 0)]),
         x,
-        solve=lambda _, x: tree.descend(x, jnp.add),
+        solve=lambda _, x: tree.descend(
+            x, lambda above, own: own if above is None else above + own
+        ),
         transpose_solve=lambda _, x: tree.ascend(x),
     )
 

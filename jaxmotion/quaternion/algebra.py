@@ -8,6 +8,8 @@ the back. XLA turns the move into index arithmetic, so every component is a long
 on a last axis of four is up to ten times slower on a CPU.
 """
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -50,10 +52,11 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     **Arguments:** ``a``, ``b``: (..., 4), broadcast against each other; need not be unit.
     **Returns:** (..., 4).
     """
-    return assemble(*_product(components(a, 4, "a"), components(b, 4, "b")))
+    return assemble(*product(components(a, 4, "a"), components(b, 4, "b")))
 
 
-def _product(a: tuple[Array, ...], b: tuple[Array, ...]) -> tuple[Array, ...]:
+def product(a: Sequence[Array], b: Sequence[Array]) -> tuple[Array, ...]:
+    """:func:`multiply` on components, for callers whose arrays keep them on another axis."""
     w, x, y, z = a
     W, X, Y, Z = b
     return (
@@ -99,14 +102,15 @@ def rotate(q: Quaternion, v: Vector3) -> Vector3:
     **Arguments:** ``q``: (..., 4), unit; ``v``: (..., 3), broadcast against q.
     **Returns:** (..., 3), in v's unit.
     """
-    w, x, y, z = components(q, 4, "q")
-    a, b, c = components(v, 3, "v")
+    return assemble(*rotated(components(q, 4, "q"), components(v, 3, "v")))
+
+
+def rotated(q: Sequence[Array], v: Sequence[Array]) -> tuple[Array, ...]:
+    """:func:`rotate` on components, for callers whose arrays keep them on another axis."""
+    w, x, y, z = q
+    a, b, c = v
     d, e, f = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
-    return assemble(
-        a + w * d + y * f - z * e,
-        b + w * e + z * d - x * f,
-        c + w * f + x * e - y * d,
-    )
+    return (a + w * d + y * f - z * e, b + w * e + z * d - x * f, c + w * f + x * e - y * d)
 
 
 def between(a: Quaternion, b: Quaternion) -> Quaternion:
@@ -127,7 +131,7 @@ def half_angle_between(
     put together and taken apart again.
     """
     w, x, y, z = components(a, 4, "a")
-    cosine, x, y, z = _product((w, -x, -y, -z), components(b, 4, "b"))
+    cosine, x, y, z = product((w, -x, -y, -z), components(b, 4, "b"))
     return x * x + y * y + z * z, cosine
 
 
