@@ -26,11 +26,14 @@ from jaxmotion._types import ArrayLike, Quaternion
 from jaxmotion.quaternion.algebra import align_signs
 
 
-def least_energy_signs(q: Quaternion, times: ArrayLike | None = None) -> Quaternion:
+def least_energy_signs(
+    q: Quaternion, times: ArrayLike | None = None, *, length: ArrayLike | None = None
+) -> Quaternion:
     """Choose between q and −q along axis 0 so that the curve through all keys bends least.
 
     **Arguments:** ``q``: (n, ..., 4), unit; ``times``: (n,), strictly increasing, in any unit;
-    None for evenly spaced keys.
+    None for evenly spaced keys; ``length``: how many keys count, traced or not, when the rest is
+    padding.
     **Returns:** the same rotations, (n, ..., 4); the first keeps its sign.
     **Raises:** ``ValueError`` when shapes do not fit.
     """
@@ -39,28 +42,31 @@ def least_energy_signs(q: Quaternion, times: ArrayLike | None = None) -> Quatern
     times = jnp.arange(n, dtype=q.dtype) if times is None else jnp.asarray(times, q.dtype)
     if times.shape != (n,):
         raise ValueError(f"times has shape {times.shape}; want ({n},), one a quaternion")
-    return _signed(q, times) if n > 2 else align_signs(q)
+    length = jnp.asarray(n if length is None else length, jnp.int32)
+    return _signed(q, times, length) if n > 2 else align_signs(q)
 
 
 @jax.jit
-def _signed(q, times):
+def _signed(q, times, length):
     near = align_signs(q)
     h = jnp.diff(times).reshape(q.shape[0] - 1, *[1] * (q.ndim - 2))
-    turned = _turned(*lax.stop_gradient((near, h)))
+    turned = _turned(*lax.stop_gradient((near, h)), length)
     signs = jnp.cumprod(jnp.where(turned, -1, 1).astype(q.dtype), axis=0)
     return jnp.concatenate([near[:1], signs[..., None] * near[1:]])
 
 
-def _turned(near, h):
+def _turned(near, h, length):
     """Where the sign changes from a key to the next, given signs that are nearest: (n − 1, ...)."""
     step = jnp.sum(near[1:] * near[:-1], axis=-1) / h
     before, after = step[:-1], step[1:]
     across = jnp.sum(near[2:] * near[:-2], axis=-1) / (h[:-1] * h[1:])
-    slope, span = 1 / h[:-1] + 1 / h[1:], h[:-1] + h[1:]
+    slope = 1 / h[:-1] + 1 / h[1:]
+    middle = jnp.arange(1, near.shape[0] - 1, dtype=length.dtype).reshape(-1, *[1] * (h.ndim - 1))
+    share = jnp.where(middle < length - 1, 1 / (h[:-1] + h[1:]), 0)
 
     def energy(r, r_next):
-        """½‖d‖² but for a constant, over the span."""
-        return (r * r_next * across - slope * (r * before + r_next * after)) / span
+        """½‖d‖²/(h + h′) but for a constant; 0 where it reaches into the padding."""
+        return (r * r_next * across - slope * (r * before + r_next * after)) * share
 
     def onward(best, energies):
         (kept, changed), (kept_last, changed_last) = energies

@@ -4,14 +4,15 @@
     rotvec    x = exp(lgs of log(q)): the exponential-map baseline; breaks where log wraps   Fig. 6
 
 Signs decide which way round a filter goes between two keys, so neighbours in time are first put in
-one hemisphere (``signs="nearest"``); frames of weight 0 take no part in that. O(T·J). With
+one hemisphere (``signs="nearest"``; frames of weight 0 take no part in it) or, for sparse keys and
+turns past half a circle, given the signs of least energy (``signs="min_energy"``). O(T·J). With
 ``window=`` the components are cross-faded between windows before they are renormalised.
 
 Where smoothed components cancel (‖x‖ < 1e−6, only with λσ so large that samples half a turn apart
 are averaged) there is no mean rotation, and the identity is returned.
 """
 
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +26,8 @@ from jaxmotion.motion import Motion
 from jaxmotion.smoothing.lgs import lgs
 from jaxmotion.smoothing.windowed import windowed_lgs
 
+Signs: TypeAlias = Literal["nearest", "input", "min_energy"]
+
 
 def smooth_quaternions(
     q: Quaternion,
@@ -37,7 +40,7 @@ def smooth_quaternions(
     weights: ArrayLike | None = None,
     scale: Literal["half", "unit"] = "half",
     representation: Literal["chordal", "rotvec"] = "chordal",
-    signs: Literal["nearest", "input"] = "nearest",
+    signs: Signs = "nearest",
     window: int | None = None,
 ) -> Quaternion:
     """Smooth or resample rotations along axis 0.
@@ -45,7 +48,9 @@ def smooth_quaternions(
     **Arguments:** ``q``: f[Nd, ..., 4], unit; ``lam``, ``sigma``: scalars, or broadcasting with
     q's middle axes (per joint), traced or not; ``index``, ``num_frames``, ``order``, ``scale``: as
     :func:`~jaxmotion.smoothing.lgs`; ``weights``: f[Nd] or f[Nd, ...] per joint, 0 for missing
-    data, whatever q holds there; ``signs``: "nearest" hemisphere along time, or the "input"'s own;
+    data, whatever q holds there; ``signs``: "nearest" hemisphere along time, the "input"'s own, or
+    "min_energy" (:func:`~jaxmotion.quaternion.least_energy_signs`; give it no weights but an index,
+    which then must not repeat);
     ``window``: frames solved together, half of them shared with the next window and cross-faded
     (paper: 120; see :func:`~jaxmotion.smoothing.windowed_lgs`; no index); None for all at once.
     **Returns:** f[Nf, ..., 4], unit.
@@ -55,16 +60,20 @@ def smooth_quaternions(
         raise ValueError(
             f"smooth_quaternions: representation={representation!r}; expected 'chordal' or 'rotvec'"
         )
-    if signs not in ("nearest", "input"):
-        raise ValueError(f"smooth_quaternions: signs={signs!r}; expected 'nearest' or 'input'")
+    if signs not in ("nearest", "input", "min_energy"):
+        raise ValueError(
+            f"smooth_quaternions: signs={signs!r}; expected 'nearest', 'input' or 'min_energy'"
+        )
+    if signs == "min_energy" and weights is not None:
+        raise ValueError("smooth_quaternions: signs='min_energy' with weights; give an index")
     q = jnp.asarray(q)
     if q.ndim < 2 or q.shape[-1] != 4:
         raise ValueError(f"smooth_quaternions: q must have shape (T, ..., 4), got {q.shape}")
     if weights is not None:
         weights = _per_component(jnp.asarray(weights, q.dtype), q.ndim)
         q = _filled(q, weights)
-    if signs == "nearest":
-        q = _aligned_in_time(q, index)
+    if signs != "input":
+        q = _signed_in_time(q, index, signs)
     x = _mean(
         q if representation == "chordal" else quaternion.log(q),
         _on_components(lam),
@@ -93,6 +102,7 @@ def smooth_motion(
     weights: ArrayLike | None = None,
     scale: Literal["half", "unit"] = "half",
     representation: Literal["chordal", "rotvec"] = "chordal",
+    signs: Signs = "nearest",
     window: int | None = None,
 ) -> Motion:
     """Smooth every joint's rotation, and the translations of the joints that are translated.
@@ -116,6 +126,7 @@ def smooth_motion(
         weights=weights,
         scale=scale,
         representation=representation,
+        signs=signs,
         window=window,
     )
     moved = np.asarray(motion.translated_joints, int)
@@ -178,11 +189,17 @@ def _filled(q: Array, weights: Array) -> Array:
     return jnp.take_along_axis(q, jnp.where(last < 0, first, last), axis=0)
 
 
-def _aligned_in_time(q: Array, index: ArrayLike | None) -> Array:
+def _signed_in_time(q: Array, index: ArrayLike | None, signs: Signs) -> Array:
+    least = signs == "min_energy"
     if index is None:
-        return quaternion.align_signs(q)
-    in_time = jnp.argsort(jnp.asarray(index))
-    return quaternion.align_signs(q[in_time])[jnp.argsort(in_time)]
+        return quaternion.least_energy_signs(q) if least else quaternion.align_signs(q)
+    index = jnp.asarray(index)
+    in_time = jnp.argsort(index)
+    ordered, times = q[in_time], index[in_time].astype(q.dtype)
+    signed = (
+        quaternion.least_energy_signs(ordered, times) if least else quaternion.align_signs(ordered)
+    )
+    return signed[jnp.argsort(in_time)]
 
 
 def _on_components(parameter: ScalarLike) -> ScalarLike:

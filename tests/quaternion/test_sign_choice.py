@@ -89,6 +89,14 @@ def test_vmap_and_derivative():
     np.testing.assert_array_equal(tangent, slope)
 
 
+def test_padding_does_not_matter():
+    q = random_quaternions(np.random.default_rng(6), (7, 20))
+    padding = random_quaternions(np.random.default_rng(7), (4, 20))
+    times = np.array([0.0, 1, 3, 4, 4.5, 6, 7, 8, 9, 10, 20])
+    padded = least_energy_signs(jnp.concatenate([q, padding]), times, length=7)
+    np.testing.assert_array_equal(padded[:7], least_energy_signs(q, times[:7]))
+
+
 def test_times_that_do_not_fit():
     q = random_quaternions(np.random.default_rng(5), (4, 2))
     with no_shape_checks(), pytest.raises(ValueError, match=r"times has shape \(3,\); want \(4,\)"):

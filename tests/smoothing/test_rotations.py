@@ -119,6 +119,19 @@ def test_signs_input_trusts_the_caller():
     assert turned(np.asarray(nearest)) == pytest.approx(-160, abs=1)
 
 
+@pytest.mark.parametrize(("signs", "turn"), [("min_energy", 200), ("nearest", -160)])
+def test_a_turn_of_200_degrees_between_keys(signs, turn):
+    """Eom et al., Fig. 8; keys out of order and with signs at random."""
+    angles = np.radians(np.cumsum([0, 60, 60, 200, 60, 60]))
+    keys = quaternion.exp(angles[:, None] * np.array([0.0, 1, 0]))
+    keys = keys * np.array([1.0, -1, -1, 1, -1, 1])[:, None]
+    index, mixed = 7 * np.arange(6), np.array([3, 0, 5, 1, 4, 2])
+    got = smooth_quaternions(keys[mixed], 0.1, 0.1, index=index[mixed], num_frames=36, signs=signs)
+    passed = scipy_rotation(got).as_rotvec()[:, 1]
+    passed = np.degrees(np.unwrap(passed))
+    assert passed[21] - passed[14] == pytest.approx(turn, abs=0.5)
+
+
 @pytest.mark.parametrize("frames", [1, 2, 3])
 def test_shortest_clips(frames):
     _, q = wandering(np.random.default_rng(5), frames)
@@ -179,5 +192,7 @@ def test_wrong_arguments_are_named():
         smooth_quaternions(motion.rotations, 1.0, 1.0, representation="euler")
     with no_shape_checks(), pytest.raises(ValueError, match="signs"):
         smooth_quaternions(motion.rotations, 1.0, 1.0, signs="any")
+    with pytest.raises(ValueError, match="give an index"):
+        smooth_motion(motion, 1.0, 1.0, signs="min_energy", weights=np.ones(motion.num_frames))
     with no_shape_checks(), pytest.raises(ValueError, match=r"\(T, \.\.\., 4\)"):
         smooth_quaternions(motion.translations, 1.0, 1.0)
