@@ -1,0 +1,179 @@
+"""Find contacts in a motion: which points stand still, when, and where.
+
+    "segments"     the rigid segment that carries the point has a fixed point near it, in some
+                   window of a tenth of a second      (:mod:`jaxmotion.contacts.rigid`)
+    "thresholds"   the point is low and slow          (:mod:`jaxmotion.contacts.height_speed`)
+
+Thresholds are shares of the limb's length, and rates use the clip's frame time: nothing depends on
+the unit of length or on the frame rate. In both methods a point must also be near its own lowest
+level (unless ``floor=None``: hands on a table, feet on stairs), short gaps are closed, and short
+contacts are dropped. The target is the mean position over a contact.
+
+The mask passes no gradient; ``confidence`` is its soft twin, a product of logistic functions of how
+far each measure is from its threshold, differentiable in the motion. T frames, C points, O(T·C).
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float
+
+from jaxmotion import quaternion
+from jaxmotion._numerics import safe_norm
+from jaxmotion._types import ScalarLike
+from jaxmotion.contacts import height_speed, rigid
+from jaxmotion.contacts.contact import FREE, PLANE, POINT, ContactPoints, Contacts
+from jaxmotion.contacts.feet import find_feet
+from jaxmotion.contacts.runs import hysteresis, mean_over_runs, without_gaps, without_short
+from jaxmotion.kinematics import forward_kinematics
+from jaxmotion.motion import Motion
+
+_WINDOW = 0.1  # seconds
+_SHORT = 0.05  # seconds: of contacts and of gaps between them
+_NEAR = 0.03  # of the limb's length: heights over the level that a segment at rest may have
+_SHARPNESS = 8.0
+
+
+def detect(
+    motion: Motion,
+    *,
+    method: Literal["segments", "thresholds"] = "segments",
+    points: ContactPoints | None = None,
+    joints: Sequence[int | str] | None = None,
+    floor: ScalarLike | Literal["auto"] | None = "auto",
+    window: int | None = None,
+    tolerance: ScalarLike = 1.0,
+    length: ScalarLike | None = None,
+) -> Contacts:
+    """Contacts of a motion.
+
+    **Arguments:** ``method``: see the module; ``points``: which points may touch, by default the
+    heels and balls of the feet (:func:`find_feet`), or with ``joints`` (names or numbers) the
+    origins of those joints; ``floor``: "auto" asks that a point be near its own lowest level, a
+    number that it be near this height, None nothing; ``window``: frames of a window of "segments",
+    static, by default a tenth of a second and at least 3; ``tolerance`` scales every threshold;
+    ``length``: number of frames that count, the first ones, for padded clips.
+
+    **Returns:** :class:`Contacts`, bool[T, C] and so on; no points (C = 0) for a skeleton without
+    feet. A clip of one frame has no motion: what is low touches.
+
+    **Raises:** ``ValueError`` for an unknown method, both points and joints, a window of fewer than
+    2 frames; under ``jit`` or ``vmap`` when ``points`` or ``window`` are left out.
+    """
+    if method not in ("segments", "thresholds"):
+        raise ValueError(f"detect: method={method!r}; expected 'segments' or 'thresholds'")
+    if points is not None and joints is not None:
+        raise ValueError("detect: points and joints are both given; expected one of them")
+    if isinstance(floor, str) and floor != "auto":
+        raise ValueError(f"detect: floor={floor!r}; expected 'auto', a number or None")
+    if joints is not None:
+        points = ContactPoints(motion.skeleton, joints)
+    elif points is None:
+        points = find_feet(motion)
+    frames = min(_window(motion, window), motion.num_frames) if method == "segments" else 0
+    kind = motion.dtype
+    level = floor if floor is None or isinstance(floor, str) else jnp.asarray(floor, kind)
+    count = motion.num_frames if length is None else length
+    return _detect(motion, points, method, level, frames, jnp.asarray(tolerance, kind), count)
+
+
+def _window(motion: Motion, window: int | None) -> int:
+    if window is None:
+        if isinstance(motion.frame_time, Tracer):
+            raise ValueError(
+                "detect: the motion is traced, so its frame rate is unknown; pass window=..., "
+                "the number of frames in a tenth of a second"
+            )
+        return max(3, round(_WINDOW / float(motion.frame_time)) + 1)
+    if window < 2:
+        raise ValueError(f"detect: window={window}; expected at least 2 frames")
+    return window
+
+
+@eqx.filter_jit
+def _detect(
+    motion: Motion,
+    points: ContactPoints,
+    method: str,
+    floor: Array | str | None,
+    window: int,
+    tolerance: Float[Array, ""],
+    length: ScalarLike,
+) -> Contacts:
+    frames = np.arange(motion.num_frames, dtype=np.int32)
+    valid = jnp.asarray(frames) < jnp.asarray(length, jnp.int32)
+    pose = forward_kinematics(motion)
+    index = np.asarray(points.joints, int)
+    turns = pose.rotations[:, index]
+    offset = quaternion.rotate(turns, jnp.asarray(points.point, motion.dtype))
+    positions = pose.positions[:, index] + offset
+    size = limb_lengths(motion, points)
+    smoothed = height_speed.smooth(positions, valid, motion.frame_time)
+    heights = _heights(smoothed, motion.skeleton.up, floor, valid)
+    short = jnp.round(_SHORT / motion.frame_time).astype(jnp.int32)
+    if method == "segments":
+        found = rigid.rest(positions, quaternion.to_matrix(turns), size, valid, window, tolerance)
+        mask, confidence, kinds = found.ratio < 1, _soft(found.ratio), found.kind
+        if heights is not None:
+            near = heights / (_NEAR * jnp.where(size > 0, size, 1) * tolerance)
+            mask, confidence = mask & (near < 1), confidence * _soft(near)
+        short = jnp.minimum(short, window)
+    else:
+        low = height_speed.low_and_slow(
+            heights, smoothed, size, valid, motion.frame_time, tolerance
+        )
+        weak = (low.speed < 1) & (low.height < 1)
+        strong = (low.speed < 0.5) & (low.height < 0.5)
+        mask = hysteresis(strong & valid[:, None], weak & valid[:, None])
+        confidence = _soft(low.speed) * _soft(low.height)
+        kinds = jnp.full(mask.shape, POINT, jnp.int8)
+    mask = _tidied(mask & valid[:, None], short, valid)
+    target = mean_over_runs(mask, positions, confidence)
+    kinds = jnp.where(mask, jnp.clip(kinds, POINT, PLANE), FREE).astype(jnp.int8)
+    return Contacts(points, mask, target, kind=kinds, confidence=confidence)
+
+
+def _tidied(mask: Bool[Array, "time point"], short: Array, valid: Array) -> Array:
+    closed = without_gaps(mask, short, valid)
+    return without_short(closed, jnp.maximum(short, 2), valid)
+
+
+def _heights(smoothed: Array, up: str, floor, valid: Array) -> Array | None:
+    if floor is None:
+        return None
+    height = smoothed[..., "xyz".index(up)]
+    level = height_speed.levels(height, valid) if isinstance(floor, str) else floor
+    return height - level
+
+
+def _soft(ratio: Float[Array, "time point"]) -> Float[Array, "time point"]:
+    """1 far below the threshold, ½ at it, 0 far above."""
+    return jax.nn.sigmoid(_SHARPNESS * (1 - jnp.minimum(ratio, 4)))
+
+
+def limb_lengths(motion: Motion, points: ContactPoints) -> Float[Array, " point"]:
+    """Length of the limb that carries each point, both bones, over the frames' mean; for points
+    without one, half of the skeleton's longest chain. File unit."""
+    bones = jnp.mean(safe_norm(motion.translations), axis=0)
+    reach = [jnp.zeros((), motion.dtype)]
+    for j, parent in enumerate(motion.skeleton.parents[1:], 1):
+        reach.append(reach[parent] + bones[j])
+    half = 0.5 * jnp.max(jnp.stack(reach))
+    sizes = [half if limb is None else bones[limb[1]] + bones[limb[2]] for limb in points.limbs]
+    return jnp.stack(sizes) if sizes else jnp.zeros((0,), motion.dtype)
+
+
+def replant(motion: Motion, contacts: Contacts) -> Contacts:
+    """The same contacts, with targets where ``motion`` has the points: means over each contact.
+
+    For contacts that were found on another clip, or drawn by hand. **Arguments:** T frames each.
+    **Returns:** :class:`Contacts`.
+    """
+    positions = contacts.points.positions(motion)
+    target = mean_over_runs(contacts.mask, positions, contacts.confidence)
+    return eqx.tree_at(lambda c: c.target, contacts, target)

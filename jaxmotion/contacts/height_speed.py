@@ -1,0 +1,84 @@
+"""Is a point low and slow? Two thresholds on each, with hysteresis.
+
+Positions are smoothed (by the linear Gaussian smoother, half amplitude at 8 Hz), so that noise does
+not pass for speed. With v the speed on the slower of the two sides of a frame (the first and last
+frames of a contact are at rest on one side), h the height over the point's own level, and L the
+limb's length, all in units of the clip,
+
+    v* = max(½ L/s, ⅒ of the point's 95th percentile of v),    h* = 0.02 L
+    in contact: runs of frames with v < v*, h < h* that have one with v < v*/2, h < h*/2
+
+The level is the tenth percentile of the point's height, so soles of any thickness do. T frames, C
+points, O(T·C).
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxmotion._numerics import safe_norm
+from jaxmotion.smoothing import lgs
+
+_CUTOFF = 8.0  # hertz
+_SPEED, _OF_FASTEST, _FAST = 0.5, 0.1, 0.95
+HEIGHT = 0.02
+_LEVEL = 0.1
+
+
+class LowAndSlow(NamedTuple):
+    """``speed`` and ``height`` f[T, C], over their thresholds (below 1: may be in contact)."""
+
+    speed: Float[Array, "time point"]
+    height: Float[Array, "time point"]
+
+
+def low_and_slow(
+    heights: Float[Array, "time point"] | None,
+    smoothed: Float[Array, "time point 3"],
+    size: Float[Array, " point"],
+    valid: Bool[Array, " time"],
+    frame_time: Float[Array, ""],
+    tolerance: Float[Array, ""],
+) -> LowAndSlow:
+    """Speeds and heights over their thresholds.
+
+    **Arguments:** ``heights`` over the points' levels, None where height does not count;
+    ``smoothed`` positions; ``size``: limb lengths; ``valid``: frames that count, the first ones;
+    ``tolerance`` scales both thresholds.
+    """
+    count = smoothed.shape[0]
+    length = jnp.where(size > 0, size, 1)
+    height = jnp.zeros_like(smoothed[..., 0]) if heights is None else heights / (HEIGHT * length)
+    if count < 2:
+        return LowAndSlow(jnp.zeros_like(height), height / tolerance)
+    step = safe_norm(jnp.diff(smoothed, axis=0)) / (frame_time * length)
+    step = jnp.where(valid[1:, None], step, jnp.inf)
+    speed = jnp.minimum(
+        jnp.pad(step, ((1, 0), (0, 0)), mode="edge"), jnp.pad(step, ((0, 1), (0, 0)), mode="edge")
+    )
+    seen = jnp.where(valid[:, None] & jnp.isfinite(speed), speed, jnp.nan)
+    fast = jnp.nan_to_num(jnp.nanquantile(seen, jnp.asarray(_FAST, speed.dtype), axis=0))
+    most = jnp.maximum(_SPEED, _OF_FASTEST * fast) * tolerance
+    return LowAndSlow(speed / most, height / tolerance)
+
+
+def smooth(
+    positions: Float[Array, "time point 3"],
+    valid: Bool[Array, " time"],
+    frame_time: Float[Array, ""],
+) -> Float[Array, "time point 3"]:
+    """Positions without what is faster than 8 Hz."""
+    if positions.shape[0] < 3 or positions.shape[1] == 0:
+        return positions
+    sine = jnp.sin(jnp.pi * jnp.minimum(_CUTOFF * frame_time, 0.5))
+    weights = valid.astype(positions.dtype)
+    return lgs(positions, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
+
+
+def levels(
+    heights: Float[Array, "time point"], valid: Bool[Array, " time"]
+) -> Float[Array, " point"]:
+    """Height at which each point stands: the tenth percentile over the valid frames."""
+    seen = jnp.where(valid[:, None], heights, jnp.nan)
+    return jnp.nanquantile(seen, jnp.asarray(_LEVEL, heights.dtype), axis=0)

@@ -1,0 +1,71 @@
+"""Runs of set frames in masks: where they begin and end, and rules on their lengths.
+
+Every function takes bool[T, C], works on each column by itself, and costs O(T·C) without loops:
+the last frame with a property, up to here, is a running maximum of frame numbers.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+Mask = Bool[Array, "time point"]
+
+
+def last_before(mask: Mask) -> Int[Array, "time point"]:
+    """The last set frame up to and with each frame; −1 where there is none."""
+    return jax.lax.cummax(jnp.where(mask, _frames(mask), -1), axis=0)
+
+
+def next_after(mask: Mask) -> Int[Array, "time point"]:
+    """The next set frame from each frame on; T where there is none."""
+    return jax.lax.cummin(jnp.where(mask, _frames(mask), mask.shape[0]), axis=0, reverse=True)
+
+
+def hysteresis(strong: Mask, weak: Mask) -> Mask:
+    """Runs of ``weak | strong`` that have a ``strong`` frame somewhere."""
+    either = weak | strong
+    from_before = last_before(strong) > last_before(~either)
+    from_after = next_after(strong) < next_after(~either)
+    return either & (from_before | from_after)
+
+
+def without_short(mask: Mask, least: Int[Array, ""], valid: Bool[Array, " time"]) -> Mask:
+    """Drop runs of fewer than ``least`` frames; those cut by an end of the valid frames stay."""
+    begin, end = last_before(~mask), next_after(~mask)
+    cut = (begin < 0) | (end >= jnp.sum(valid, dtype=jnp.int32))
+    return mask & (cut | (end - begin - 1 >= least))
+
+
+def without_gaps(mask: Mask, least: Int[Array, ""], valid: Bool[Array, " time"]) -> Mask:
+    """Close gaps of fewer than ``least`` frames between two runs."""
+    return ~without_short(~mask & valid[:, None], least, valid) & valid[:, None]
+
+
+def mean_over_runs(
+    mask: Mask, values: Float[Array, "time point 3"], weights: Float[Array, "time point"]
+) -> Float[Array, "time point 3"]:
+    """In each run, the weighted mean of the values over the run; where free, the values."""
+    count = mask.shape[0]
+    start = mask & ~jnp.pad(mask, ((1, 0), (0, 0)))[:-1]
+    run = jnp.where(mask, jnp.cumsum(start, axis=0, dtype=jnp.int32), 0)
+    # Sums of differences from the run's first value, so that float32 keeps its digits far away.
+    first = jnp.take_along_axis(values, jnp.maximum(last_before(start), 0)[..., None], axis=0)
+    weights = jnp.where(mask, weights, 0)
+
+    def per_point(run, values, weights):
+        # At most every second frame begins a run; number 0 collects the free frames.
+        sums = jax.ops.segment_sum(
+            jnp.concatenate([weights[:, None] * values, weights[:, None]], axis=1),
+            run,
+            count // 2 + 2,
+        )
+        total = jnp.where(sums[:, 3:] > 0, sums[:, 3:], 1)
+        return (sums[:, :3] / total)[run]
+
+    mean = jax.vmap(per_point, 1, 1)(run, values - first, weights)
+    return jnp.where(mask[..., None], first + mean, values)
+
+
+def _frames(mask: Mask) -> Int[Array, "time 1"]:
+    return jnp.asarray(np.arange(mask.shape[0], dtype=np.int32)[:, None])
