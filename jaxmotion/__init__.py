@@ -46,6 +46,7 @@ _HOMES = {
     "stylize": "layers",
     "synthesize": "layers",
     "load": "io",
+    "resample": "timing",
     "save": "io",
 }
 
@@ -74,6 +75,7 @@ if TYPE_CHECKING:
     )
     from jaxmotion.motion import Motion
     from jaxmotion.skeleton import Skeleton
+    from jaxmotion.timing import resample
 
 __all__ = [
     "Motion",
@@ -92,6 +94,7 @@ __all__ = [
     "load",
     "metrics",
     "quaternion",
+    "resample",
     "samples",
     "save",
     "smoothing",

@@ -5,6 +5,7 @@ from jaxmotion.timing.dtw import WarpPath, dtw
 from jaxmotion.timing.frame_distance import frame_distance
 from jaxmotion.timing.motion_warping import MotionWarp, motion_warping, unwarp
 from jaxmotion.timing.pose_distance import pose_distance
+from jaxmotion.timing.resample import resample
 from jaxmotion.timing.soft_dtw import soft_alignment, soft_dtw
 
 __all__ = [
@@ -16,6 +17,7 @@ __all__ = [
     "motion_warping",
     "pad_to_bucket",
     "pose_distance",
+    "resample",
     "soft_alignment",
     "soft_dtw",
     "unwarp",
