@@ -7,8 +7,26 @@ Symbols: θ is an angle in radians, x = θ². Series are cut where the next term
 rounding error of the dtype, at x < eps^(1/3).
 """
 
+from collections.abc import Sequence
+from typing import TypeAlias, TypeVar
+
+import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
+
+Fault: TypeAlias = tuple[Bool[Array, ""], str]
+Tree = TypeVar("Tree")
+
+
+def raise_faults(x: Tree, faults: Sequence[Fault]) -> Tree:
+    """``x``, unless one of the faults holds when it is computed: the first such is the error.
+
+    One check for all: each check by itself is a callback to trace and compile.
+    """
+    if not faults:
+        return x
+    bad = jnp.stack([holds for holds, _ in faults])
+    return eqx.branched_error_if(x, jnp.any(bad), jnp.argmax(bad), [text for _, text in faults])
 
 
 def series_switch(dtype) -> float:

@@ -195,7 +195,10 @@ def chain_covariance(factor: ChainFactor) -> State:
 @jax.custom_jvp
 def chain_log_det(chain: DifferenceChain) -> Array:
     """``log det P``, shape ``k``; its derivative is read off the selected inverse."""
-    factor = chain_factor(chain)
+    return _log_det(chain_factor(chain))
+
+
+def _log_det(factor: ChainFactor) -> Array:
     return jnp.log(factor.precision) - jnp.sum(jnp.log(factor.inverse_pivot), axis=0)
 
 
@@ -208,7 +211,7 @@ def _chain_log_det_jvp(primals, tangents):
         change.position * cov.position - 2 * change.cross * cov.cross + change.speed * cov.velocity,
         axis=0,
     )
-    return chain_log_det(chain), rate
+    return _log_det(factor), rate
 
 
 def _bend_variance(factor: ChainFactor, cov: State) -> Array:

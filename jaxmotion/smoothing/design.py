@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jaxmotion._numerics import Fault
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg.difference_chain import State
 
@@ -90,16 +91,18 @@ def observe(
     data_shape: tuple[int, ...],
     dtype: jnp.dtype,
     null_space: int,
-) -> Observations:
+) -> tuple[Observations, list[Fault]]:
     """Check the arguments of a smoother and build its ``Observations``.
 
     ``null_space``: how many distinct positions the prior needs data at. Python and NumPy values
-    that are wrong raise ValueError, values inside JAX arrays raise when computed.
+    that are wrong raise ValueError; what is wrong with values inside JAX arrays comes back as
+    faults, for the caller to raise together with its own (``raise_faults``).
     """
     num_frames = _frame_count(index, num_frames, data_shape[0])
     need = min(null_space, num_frames)
-    t = None if index is None else _checked_index(index, num_frames, data_shape[0])
-    w = None if weights is None else _checked_weights(weights, data_shape)
+    faults: list[Fault] = []
+    t = None if index is None else _checked_index(index, num_frames, data_shape[0], faults)
+    w = None if weights is None else _checked_weights(weights, data_shape, faults)
     _require_distinct(t, w, data_shape[0], need)
 
     frame = back = None
@@ -107,8 +110,8 @@ def observe(
         frame, back = _split(t, num_frames, dtype)
     found = Observations(frame, back, None if w is None else jnp.asarray(w, dtype), num_frames)
     if isinstance(t, jax.Array) or isinstance(w, jax.Array):
-        found = _require_distinct_traced(found, dtype, need)
-    return found
+        faults.append((_not_distinct(found, dtype, need), _too_few(need)))
+    return found, faults
 
 
 def _frame_count(index: ArrayLike | None, num_frames: int | None, data: int) -> int:
@@ -131,7 +134,9 @@ def _frame_count(index: ArrayLike | None, num_frames: int | None, data: int) -> 
     return num_frames
 
 
-def _checked_index(index: ArrayLike, num_frames: int, data: int) -> Array | np.ndarray:
+def _checked_index(
+    index: ArrayLike, num_frames: int, data: int, faults: list[Fault]
+) -> Array | np.ndarray:
     t = index if isinstance(index, jax.Array) else np.asarray(index)
     if t.shape != (data,):
         raise ValueError(f"index has shape {t.shape}: want ({data},), one target per frame of y")
@@ -144,10 +149,13 @@ def _checked_index(index: ArrayLike, num_frames: int, data: int) -> Array | np.n
             raise ValueError(f"{message}, got {t[outside][0]}")
         whole = np.round(t)
         return whole.astype(np.int32) if np.array_equal(whole, t) else t
-    return eqx.error_if(t, ~jnp.all((t >= 0) & (t <= num_frames - 1)), message)
+    faults.append((~jnp.all((t >= 0) & (t <= num_frames - 1)), message))
+    return t
 
 
-def _checked_weights(weights: ArrayLike, data_shape: tuple[int, ...]) -> Array | np.ndarray:
+def _checked_weights(
+    weights: ArrayLike, data_shape: tuple[int, ...], faults: list[Fault]
+) -> Array | np.ndarray:
     w = weights if isinstance(weights, jax.Array) else np.asarray(weights)
     shape = w.shape
     if len(shape) == 1:
@@ -163,8 +171,7 @@ def _checked_weights(weights: ArrayLike, data_shape: tuple[int, ...]) -> Array |
     if isinstance(w, np.ndarray) and not (np.all(w >= 0) and np.all(np.isfinite(w))):
         raise ValueError("weights must be finite and >= 0")
     if isinstance(w, jax.Array):
-        bad = ~jnp.all((w >= 0) & jnp.isfinite(w))
-        w = eqx.error_if(w, bad, "weights must be finite and >= 0")
+        faults.append((~jnp.all((w >= 0) & jnp.isfinite(w)), "weights must be finite and >= 0"))
     return w
 
 
@@ -190,13 +197,12 @@ def _require_distinct(
         raise ValueError(_too_few(need))
 
 
-def _require_distinct_traced(found: Observations, dtype: jnp.dtype, need: int) -> Observations:
+def _not_distinct(found: Observations, dtype: jnp.dtype, need: int) -> Array:
     t = _column(found.positions(dtype), 0 if found.weights is None else found.weights.ndim - 1)
     seen = jnp.asarray(True) if found.weights is None else found.weights > 0
     low = jnp.min(jnp.where(seen, t, jnp.inf), axis=0)
     high = jnp.max(jnp.where(seen, t, -jnp.inf), axis=0)
-    bad = ~jnp.all(high > low if need == 2 else high >= low)
-    return eqx.error_if(found, bad, _too_few(need))
+    return ~jnp.all(high > low if need == 2 else high >= low)
 
 
 def _too_few(need: int) -> str:

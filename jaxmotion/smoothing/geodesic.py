@@ -40,7 +40,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._numerics import safe_norm
+from jaxmotion._numerics import raise_faults, safe_norm
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
 from jaxmotion.linalg.block_banded import block_banded_factor, block_banded_selected_inverse
 from jaxmotion.linalg.least_squares import BlockBandedCholesky, GaussNewton, probe_blocks
@@ -255,12 +255,12 @@ def geodesic(
     if loss not in ("l2", *_TUNING):
         raise ValueError(f"geodesic: loss={loss!r}; expected 'l2', 'huber' or 'cauchy'")
     joints = q.shape[1:-1]
-    seen = observe(index, num_frames, weights, q.shape[:-1], q.dtype, null_space=order)
+    seen, faults = observe(index, num_frames, weights, q.shape[:-1], q.dtype, null_space=order)
     present = jnp.ones((), bool) if seen.weights is None else seen.weights > 0
     unit = jnp.abs(safe_norm(q) - 1) <= 1e-3
-    q = eqx.error_if(
-        q, jnp.any(present & ~unit), "geodesic: q holds NaN or quaternions that are not unit"
-    )
+    odd = jnp.any(present & ~unit)
+    message = "geodesic: q holds NaN or quaternions that are not unit"
+    q = raise_faults(q, [*faults, (odd, message)])
     q = quaternion.normalize(jnp.where(jnp.broadcast_to(present, unit.shape)[..., None], q, 1.0))
     start = smooth_quaternions(
         q,

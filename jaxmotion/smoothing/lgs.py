@@ -44,6 +44,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from jaxmotion._numerics import Fault, raise_faults
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg import (
     DifferenceChain,
@@ -170,8 +171,8 @@ def lgs(
     shared = shared and (weights is None or np.ndim(weights) == 1)
     lam = _checked_parameter("lam", lam, channels, y.dtype)
     sigma = _checked_parameter("sigma", sigma, channels, y.dtype)
-    seen = observe(index, num_frames, weights, y.shape, y.dtype, null_space=order)
-    return _lgs(y, lam, sigma, seen, order, scale, shared, parallel)
+    seen, faults = observe(index, num_frames, weights, y.shape, y.dtype, null_space=order)
+    return _lgs(y, lam, sigma, seen, faults, order, scale, shared, parallel)
 
 
 @eqx.filter_jit
@@ -180,15 +181,15 @@ def _lgs(
     lam: Array,
     sigma: Array,
     seen: Observations,
+    faults: list[Fault],
     order: int,
     scale: str,
     shared: bool,
     parallel: bool,
 ) -> Posterior:
-    lam = eqx.error_if(lam, ~jnp.all((lam > 0) & jnp.isfinite(lam)), "lam must be positive")
-    sigma = eqx.error_if(
-        sigma, ~jnp.all((sigma > 0) & jnp.isfinite(sigma)), "sigma must be positive"
-    )
+    for name, value in (("lam", lam), ("sigma", sigma)):
+        bad = ~jnp.all((value > 0) & jnp.isfinite(value))
+        faults = [*faults, (bad, f"{name} must be positive")]
     if seen.weights is not None:
         y = jnp.where(seen.weights > 0, y, 0)
     # Everything is multiplied by sigma^2: plain data are then their own right-hand side.
@@ -198,12 +199,13 @@ def _lgs(
     solve = parallel_chain_solve if parallel else chain_solve
     mean = solve(chain, seen.to_frames(y))
     # Any NaN or infinity of the data reaches every frame of its channel.
-    mean = eqx.error_if(
-        mean,
+    unusable = (
         ~jnp.all(jnp.isfinite(mean[0])),
         "y holds NaN or infinite values (give missing data weight 0), "
         "or lam * sigma is too large for its dtype",
     )
+    # Every quantity of the posterior is made of one of these.
+    mean, sigma = raise_faults((mean, sigma), [*faults, unusable])
     return Posterior(mean, sigma, chain, (curvature, speed), y, seen, order, shared, parallel)
 
 
