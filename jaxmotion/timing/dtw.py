@@ -16,8 +16,9 @@ Derivatives: the path is a discrete choice and passes none; the cost passes the 
 cells it selected, ∂cost/∂D[i, j] = how often (i, j) is counted (over the normaliser). Second
 derivatives in D are zero. Of tied paths the first in the pattern's order is taken.
 
-Sharp bits: called outside ``jax.jit`` it is traced and compiled anew each time, so wrap it; padded
-clips (:mod:`jaxmotion.timing.buckets`) let one compilation serve many lengths.
+Sharp bits: every shape of clips is compiled for once, and padded clips
+(:mod:`jaxmotion.timing.buckets`) let one compilation serve many lengths; a metric of one's own is
+known again only if it is the same function object.
 """
 
 import equinox as eqx
@@ -90,13 +91,35 @@ def dtw(
         ValueError: bad shapes, unknown names, or clips the pattern cannot join.
     """
     pattern = step_pattern_named(step_pattern)
+    x, y, cost, x_length, y_length = (
+        None if given is None else jnp.asarray(given) for given in (x, y, cost, x_length, y_length)
+    )
+    return _dtw(
+        x, y, cost, x_length, y_length, metric, pattern, window, open_end, min_matched, normalize
+    )
+
+
+@eqx.filter_jit
+def _dtw(
+    x: Array | None,
+    y: Array | None,
+    cost: Array | None,
+    x_length: Array | None,
+    y_length: Array | None,
+    metric: Metric,
+    pattern: StepPattern,
+    window: int | None,
+    open_end: bool | str,
+    min_matched: int,
+    normalize: str | None,
+) -> WarpPath:
     d = local_cost(x, y, cost, metric)
     n, m = d.shape
     _check_options(open_end, min_matched, normalize, window, m)
     normalize = normalize or ("mean" if open_end else "sum")
     ragged = x_length is not None or y_length is not None
     if not (ragged or open_end or pattern.reaches(n, m)):
-        raise ValueError(f"step_pattern={step_pattern!r} has no path over a cost of shape {(n, m)}")
+        raise ValueError(f"step_pattern={pattern.name!r} has no path over a cost of shape {(n, m)}")
     last_x = jnp.asarray(n if x_length is None else x_length, jnp.int32) - 1
     last_y = jnp.asarray(m if y_length is None else y_length, jnp.int32) - 1
 

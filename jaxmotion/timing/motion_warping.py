@@ -126,6 +126,19 @@ def motion_warping(
         )
     m = _slope_that_fits(slope, num_source, num_reference)
     smoothness = (scale_smoothness, offset_smoothness)
+    return _warp(source, reference, shared, m, smoothness, max_iterations, tolerance)
+
+
+@eqx.filter_jit
+def _warp(
+    source: Array,
+    reference: Array,
+    shared: bool,
+    m: int,
+    smoothness: tuple[float, float],
+    max_iterations: int,
+    tolerance: float,
+) -> MotionWarp:
     fixed = lax.stop_gradient((source, reference))
 
     def descend(s, r):
@@ -137,7 +150,7 @@ def motion_warping(
         one_channel = jax.vmap(lambda s, r: descend(s[:, None], r[:, None]), 1, -1)
         runs, energy, converged, iterations = one_channel(*fixed)
     scale, offset = _fit(source, reference, runs, m, smoothness)
-    return MotionWarp(runs, scale, offset, energy, converged, iterations, m, m * num_reference)
+    return MotionWarp(runs, scale, offset, energy, converged, iterations, m, m * reference.shape[0])
 
 
 def unwarp(

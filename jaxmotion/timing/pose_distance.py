@@ -14,6 +14,8 @@ subtracting them from the sum, so no digits are lost. Only one row of terms is h
 the derivative too.
 """
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -52,6 +54,11 @@ def pose_distance(
     w = jnp.ones(joints, x.dtype) if weights is None else jnp.asarray(weights, x.dtype)
     if w.shape != (joints,):
         raise ValueError(f"weights has shape {w.shape}; want ({joints},)")
+    return _all_pairs(x, y, w, trim)
+
+
+@partial(jax.jit, static_argnames="trim")
+def _all_pairs(x: Array, y: Array, w: Array, trim: int) -> Array:
     targets = jnp.transpose(y, (1, 2, 0))
 
     @jax.checkpoint

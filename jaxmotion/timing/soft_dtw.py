@@ -20,6 +20,7 @@ operations, so it can be differentiated again. Beyond ``x_length``, ``y_length``
 
 import functools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -60,7 +61,7 @@ def soft_dtw(
     Raises:
         ValueError: bad shapes, or a gamma that is not positive (when it is not traced).
     """
-    return _soft_value(*_prepare(x, y, gamma, cost, metric, x_length, y_length))
+    return _compiled(_soft_value, x, y, gamma, cost, metric, x_length, y_length)
 
 
 def soft_alignment(
@@ -80,17 +81,27 @@ def soft_alignment(
     Returns:
         ``(n, m)``, entries in [0, 1], 1 at the first and last pair. Differentiable.
     """
-    return _value_and_alignment(*_prepare(x, y, gamma, cost, metric, x_length, y_length))[1]
+    arguments = (x, y, gamma, cost, metric, x_length, y_length)
+    return _compiled(_value_and_alignment, *arguments)[1]
 
 
-def _prepare(x, y, gamma, cost, metric, x_length, y_length):
-    d = local_cost(x, y, cost, metric)
+def _compiled(function, x, y, gamma, cost, metric, x_length, y_length):
     if not isinstance(gamma, Tracer) and not np.all(np.asarray(gamma) > 0):
         raise ValueError(f"gamma={gamma}; want a temperature above 0")
+    arrays = (
+        None if given is None else jnp.asarray(given)
+        for given in (x, y, cost, x_length, y_length, gamma)
+    )
+    return _run(function, metric, *arrays)
+
+
+@eqx.filter_jit
+def _run(function, metric, x, y, cost, x_length, y_length, gamma):
+    d = local_cost(x, y, cost, metric)
     n, m = d.shape
     last_x = jnp.asarray(n if x_length is None else x_length, jnp.int32) - 1
     last_y = jnp.asarray(m if y_length is None else y_length, jnp.int32) - 1
-    return d, jnp.asarray(gamma, d.dtype), last_x, last_y
+    return function(d, gamma.astype(d.dtype), last_x, last_y)
 
 
 @jax.custom_jvp

@@ -15,8 +15,11 @@ from jaxmotion.timing import (
     bucket_size,
     dtw,
     frame_distance,
+    motion_warping,
     pad_to_bucket,
     pose_distance,
+    soft_alignment,
+    soft_dtw,
 )
 
 align = jax.jit(dtw, static_argnames=("window", "step_pattern", "metric"))
@@ -299,6 +302,23 @@ def test_one_compile_serves_a_bucket_of_lengths():
     x, n = pad_to_bucket(rng.standard_normal((49, 4)))
     in_bucket(x, *pad_to_bucket(target)[:1], n, 40)
     assert in_bucket._cache_size() == 2
+
+
+def test_a_second_call_compiles_nothing():
+    x, y = np.random.default_rng(10).standard_normal((2, 6, 3))
+    q = quaternion.exp(np.random.default_rng(11).standard_normal((4, 3, 3)))
+    calls = (
+        lambda n: dtw(x, y, metric="sqeuclidean", x_length=n),
+        lambda n: soft_dtw(x, y, 0.1 * n, x_length=n),
+        lambda n: soft_alignment(x, y, 0.1 * n, y_length=n),
+        lambda n: motion_warping(x[:5], y[:6]),
+        lambda n: pose_distance(q, q, trim=1),
+    )
+    for call in calls:
+        call(3)
+    with jax.no_tracing():
+        for call in calls:
+            call(4)
 
 
 def test_buckets():
