@@ -35,7 +35,7 @@ from jaxmotion.motion import Motion
 
 _WINDOW = 0.1  # seconds
 _SHORT = 0.05  # seconds: of contacts and of gaps between them
-_NEAR = 0.03  # of the limb's length: heights over the level that a segment at rest may have
+_NEAR = 0.02  # of the limb's length: heights over the level that a segment at rest may have
 _SHARPNESS = 8.0
 
 
@@ -55,9 +55,9 @@ def detect(
     **Arguments:** ``method``: see the module; ``points``: which points may touch, by default the
     heels and balls of the feet (:func:`find_feet`), or with ``joints`` (names or numbers) the
     origins of those joints; ``floor``: "auto" asks that a point be near its own lowest level, a
-    number that it be near this height, None nothing; ``window``: frames of a window of "segments",
-    static, by default a tenth of a second and at least 3; ``tolerance`` scales every threshold;
-    ``length``: number of frames that count, the first ones, for padded clips.
+    number that it be near this height, None nothing; ``window``: frames in a tenth of a second,
+    static, at least 2, by default from the frame time and at least 3; ``tolerance`` scales every
+    threshold; ``length``: number of frames that count, the first ones, for padded clips.
 
     **Returns:** :class:`Contacts`, bool[T, C] and so on; no points (C = 0) for a skeleton without
     feet. A clip of one frame has no motion: what is low touches.
@@ -75,7 +75,7 @@ def detect(
         points = ContactPoints(motion.skeleton, joints)
     elif points is None:
         points = find_feet(motion)
-    frames = min(_window(motion, window), motion.num_frames) if method == "segments" else 0
+    frames = min(_window(motion, window), motion.num_frames)
     kind = motion.dtype
     level = floor if floor is None or isinstance(floor, str) else jnp.asarray(floor, kind)
     count = motion.num_frames if length is None else length
@@ -114,7 +114,7 @@ def _detect(
     positions = pose.positions[:, index] + offset
     size = limb_lengths(motion, points)
     smoothed = height_speed.smooth(positions, valid, motion.frame_time)
-    heights = _heights(smoothed, motion.skeleton.up, floor, valid)
+    heights = _heights(smoothed, motion.skeleton.up, floor, size, valid, window)
     short = jnp.round(_SHORT / motion.frame_time).astype(jnp.int32)
     if method == "segments":
         found = rigid.rest(positions, quaternion.to_matrix(turns), size, valid, window, tolerance)
@@ -143,12 +143,13 @@ def _tidied(mask: Bool[Array, "time point"], short: Array, valid: Array) -> Arra
     return without_short(closed, jnp.maximum(short, 2), valid)
 
 
-def _heights(smoothed: Array, up: str, floor, valid: Array) -> Array | None:
+def _heights(smoothed: Array, up: str, floor, size, valid, window: int) -> Array | None:
     if floor is None:
         return None
     height = smoothed[..., "xyz".index(up)]
-    level = height_speed.levels(height, valid) if isinstance(floor, str) else floor
-    return height - level
+    if isinstance(floor, str):
+        return height - height_speed.levels(height, size, valid, window)
+    return height - floor
 
 
 def _soft(ratio: Float[Array, "time point"]) -> Float[Array, "time point"]:

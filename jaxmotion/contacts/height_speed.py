@@ -8,13 +8,16 @@ limb's length, all in units of the clip,
     v* = max(½ L/s, ⅒ of the point's 95th percentile of v),    h* = 0.02 L
     in contact: runs of frames with v < v*, h < h* that have one with v < v*/2, h < h*/2
 
-The level is the tenth percentile of the point's height, so soles of any thickness do. T frames, C
-points, O(T·C).
+The level is the point's own lowest height within 0.4 s, so soles of any thickness and floors that
+are not quite level do; but at most 0.15 L over the tenth percentile of its heights, so that a foot
+held up is in the air. T frames, C points, O(T·C).
 """
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion._numerics import safe_norm
@@ -23,7 +26,7 @@ from jaxmotion.smoothing import lgs
 _CUTOFF = 8.0  # hertz
 _SPEED, _OF_FASTEST, _FAST = 0.5, 0.1, 0.95
 HEIGHT = 0.02
-_LEVEL = 0.1
+_LEVEL, _UNEVEN, _STRIDE = 0.1, 0.15, 4
 
 
 class LowAndSlow(NamedTuple):
@@ -77,8 +80,25 @@ def smooth(
 
 
 def levels(
-    heights: Float[Array, "time point"], valid: Bool[Array, " time"]
-) -> Float[Array, " point"]:
-    """Height at which each point stands: the tenth percentile over the valid frames."""
+    heights: Float[Array, "time point"],
+    size: Float[Array, " point"],
+    valid: Bool[Array, " time"],
+    window: int,
+) -> Float[Array, "time point"]:
+    """Height at which each point stands about each frame, f[T, C]; the module has the rule.
+
+    **Arguments:** ``window``: frames in a tenth of a second.
+    """
     seen = jnp.where(valid[:, None], heights, jnp.nan)
-    return jnp.nanquantile(seen, jnp.asarray(_LEVEL, heights.dtype), axis=0)
+    usual = jnp.nanquantile(seen, jnp.asarray(_LEVEL, heights.dtype), axis=0)
+    side = _STRIDE * window
+    infinite = np.asarray(np.inf, heights.dtype)
+    lowest = jax.lax.reduce_window(
+        jnp.where(valid[:, None], heights, infinite),
+        infinite,
+        jax.lax.min,
+        (2 * side + 1, 1),
+        (1, 1),
+        ((side, side), (0, 0)),
+    )
+    return jnp.minimum(lowest, usual + _UNEVEN * size)

@@ -29,7 +29,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxmotion._numerics import safe_norm, safe_sqrt
 from jaxmotion.contacts.contact import FREE, LINE, PLANE, POINT
 
-STILL, REACH = 0.003, 0.02  # shares of the limb's length
+STILL, REACH = 0.006, 0.02  # shares of the limb's length
 _NOISE = 1.2
 _CHI3_QUARTILE = 1.1012  # of the length of a standard normal vector of three components
 _FOOT = 0.2
