@@ -15,8 +15,9 @@ Conventions, the same in every room:
 Names load on first use, so that ``jaxmotion --help`` does not wait for JAX.
 """
 
-import importlib
 from typing import TYPE_CHECKING
+
+from jaxmotion._lazy import loader
 
 __version__ = "0.1.0"
 
@@ -45,6 +46,7 @@ _HOMES = {
     "joint_weights": "layers",
     "stylize": "layers",
     "synthesize": "layers",
+    "time_warp": "layers",
     "load": "io",
     "resample": "timing",
     "save": "io",
@@ -72,6 +74,7 @@ if TYPE_CHECKING:
         joint_weights,
         stylize,
         synthesize,
+        time_warp,
     )
     from jaxmotion.motion import Motion
     from jaxmotion.skeleton import Skeleton
@@ -100,20 +103,13 @@ __all__ = [
     "smoothing",
     "stylize",
     "synthesize",
+    "time_warp",
     "timing",
     "velocities",
 ]
 
 
-def __getattr__(name: str):
-    if name in _HOMES:
-        value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
-    elif name in _MODULES:
-        value = importlib.import_module(f"{__name__}.{name}")
-    else:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = value
-    return value
+__getattr__ = loader(__name__, _HOMES, _MODULES)
 
 
 def __dir__() -> list[str]:

@@ -1,0 +1,209 @@
+"""Another timing for a motion: slower where much happens, through given times, from rest to rest.
+
+    result frame j  ──ease──▶  warped time  ──warp⁻¹──▶  source time  ──smoother──▶  pose
+
+    warp   u(i) = i + a (T − 1) Σ_{k<i} s_k / Σ_k s_k    s_k = Σ_joints θ_k + Σ_moved ‖Δp_k‖ / L
+
+θ_k: angle (radians) a joint turns from frame k to k + 1, Δp_k: its translation's change, L: the
+mean bone, which makes a length an angle; s is averaged over neighbours within about 0.1 s. a:
+``amount``, the share by which the clip grows. All maps increase (:mod:`jaxmotion.timing.time_maps`)
+and poses are read from the smoother in continuous time (:mod:`jaxmotion.timing.resample`). Layers
+then run on the retimed signal, because stretched noise is slower noise. Source: Eom et al. 2019,
+§5.3 and Fig. 9, which do not say how frames are handed out.
+
+How long it gets: (1 + a) times the clip, plus half of what is eased; with ``num_frames`` the whole
+result is stretched to that, so ``num_frames=len(motion)`` keeps the duration. The frame time stays.
+Feet slide: contacts are not looked at. O(T·J).
+"""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float, Int
+
+from jaxmotion import quaternion
+from jaxmotion._numerics import safe_norm
+from jaxmotion._types import ArrayLike, ScalarLike
+from jaxmotion.layers.synthesize import stylize
+from jaxmotion.motion import Motion
+from jaxmotion.timing.buckets import bucket_size, pad_to_bucket
+from jaxmotion.timing.resample import Method, Signs, even_reading, frames_within, read_motion
+from jaxmotion.timing.time_maps import eased, read_backwards, slowed_by_speed
+
+_MEMORY = 0.1  # seconds over which speed is averaged
+_NEARLY = 1e-3  # frames; times are written with few digits
+
+
+def time_warp(
+    motion: Motion,
+    *,
+    amount: ScalarLike | None = None,
+    pairs: ArrayLike | None = None,
+    ease: Sequence[ScalarLike] = (0.0, 0.0),
+    num_frames: int | None = None,
+    method: Method = "lgs",
+    smoothing: ScalarLike = 0.0,
+    signs: Signs = "min_energy",
+    alpha: ArrayLike | None = None,
+    residual: ScalarLike = 1.0,
+) -> Motion:
+    """A clip with another timing.
+
+    **Arguments:**
+
+    - ``amount``: a ≥ 0, slow down where displacements are large; 0.25 makes the clip a quarter
+      longer, (N − 1)/(T − 1) − 1 makes it N frames; 0 (None) changes nothing.
+    - ``pairs``: instead, f[K, 2] of (time in the source, time in the result), seconds, both
+      strictly increasing: what happens then happens at that time, and speed never jumps. The clip
+      starts at 0, and after the last pair takes the time it takes.
+    - ``ease``: seconds of the result over which it leaves rest, and comes to rest.
+    - ``num_frames``: of the result; the module says how long it is otherwise. Needed where traced
+      arguments decide the duration.
+    - ``method``, ``smoothing``, ``signs``: as :func:`jaxmotion.resample`.
+    - ``alpha``, ``residual``: gains of style and noise of the retimed signal, as
+      :func:`jaxmotion.stylize`; without them it is left as it is.
+
+    **Returns:** a motion of the same frame time. Differentiable in the motion, ``amount``,
+    ``pairs`` and ``ease``.
+    **Raises:** ``ValueError`` for arguments that do not fit together or times that do not increase;
+    at run time for traced ones.
+    """
+    if amount is not None and pairs is not None:
+        raise ValueError("time_warp: amount and pairs are both given; expected one of them")
+    frames, dtype = motion.num_frames, motion.dtype
+    if pairs is not None:
+        knots, places = _knots_of_pairs(pairs, motion)
+        duration = knots[-1]
+    else:
+        amount = _checked_amount(0.0 if amount is None else amount, dtype)
+        knots = _landing(motion, amount)
+        places = jnp.arange(knots.shape[0], dtype=dtype)
+        duration = (1 + amount) * (frames - 1)
+    ease_in, ease_out = _ease_in_frames(ease, jnp.asarray(motion.frame_time), duration)
+    total = duration + (ease_in + ease_out) / 2
+    if num_frames is None:
+        num_frames, step = frames_within(_concrete(total)), 1.0
+    elif num_frames < 1:
+        raise ValueError(f"time_warp: num_frames={num_frames}; expected at least 1")
+    else:
+        step = total / max(num_frames - 1, 1)
+    step = jnp.asarray(step, dtype)
+    count = bucket_size(num_frames)
+    at = _source_times(knots, places, step, ease_in, ease_out, duration, count)[:num_frames]
+    reading = even_reading(at, frames, dtype)
+    retimed = read_motion(
+        motion, reading, motion.frame_time, method=method, smoothing=smoothing, signs=signs
+    )
+    if alpha is None and isinstance(residual, (int, float)) and residual == 1:
+        return retimed
+    return stylize(retimed, 1.0 if alpha is None else alpha, residual=residual)
+
+
+@eqx.filter_jit
+def _source_times(
+    knots: Float[Array, " knot"],
+    places: Float[Array, " knot"],
+    step: Float[Array, ""],
+    ease_in: Float[Array, ""],
+    ease_out: Float[Array, ""],
+    duration: Float[Array, ""],
+    count: int,
+) -> Float[Array, " frame"]:
+    at = step * jnp.arange(count, dtype=places.dtype)
+    return read_backwards(knots, places, eased(at, ease_in, ease_out, duration))
+
+
+def _landing(motion: Motion, amount: Array) -> Float[Array, " frame"]:
+    """u, where the frames of the clip (padded, unless it is traced) land when it is slowed."""
+    clips = motion.translations, motion.rotations
+    if motion.num_frames > 1 and not any(isinstance(clip, Tracer) for clip in clips):
+        clips = [pad_to_bucket(np.asarray(clip))[0] for clip in clips]  # type: ignore[arg-type]
+    translations, rotations = clips
+    moved = np.asarray(motion.translated_joints, np.int32)
+    return _slowed(
+        translations[:, moved],
+        rotations,
+        jnp.asarray(motion.skeleton.offsets, motion.dtype),
+        amount,
+        _MEMORY / motion.frame_time,
+        jnp.asarray(motion.num_frames, jnp.int32),
+    )
+
+
+@jax.jit
+def _slowed(
+    translations: Float[Array, "time moved 3"],
+    rotations: Float[Array, "time joint 4"],
+    offsets: Float[Array, "joint 3"],
+    amount: Float[Array, ""],
+    memory: Float[Array, ""],
+    length: Int[Array, ""],
+) -> Float[Array, " time"]:
+    turns = quaternion.distance(rotations[:-1], rotations[1:])
+    moves = safe_norm(jnp.diff(translations, axis=0))
+    bone = jnp.sum(safe_norm(offsets[1:])) / max(offsets.shape[0] - 1, 1)
+    speed = jnp.sum(turns, axis=1) + jnp.sum(moves, axis=1) / jnp.where(bone > 0, bone, 1)
+    return slowed_by_speed(speed, amount, memory, length)
+
+
+def _knots_of_pairs(pairs: ArrayLike, motion: Motion) -> tuple[Array, Array]:
+    """Warped and source times of the pairs, the start and the end, in frames."""
+    traced = isinstance(pairs, Tracer) or isinstance(motion.frame_time, Tracer)
+    xp, end = (jnp if traced else np), motion.num_frames - 1
+    given = xp.asarray(pairs, motion.dtype if traced else np.float64)
+    if given.ndim != 2 or given.shape[1] != 2 or not given.shape[0]:
+        raise ValueError(
+            f"time_warp: pairs have shape {given.shape}; expected (K, 2), K at least 1"
+        )
+    frame_time = motion.frame_time if traced else float(motion.frame_time)
+    given = given / frame_time
+    if not traced and given[0, 0] == given[0, 1] == 0:
+        given = given[1:]
+    known = xp.concatenate([xp.zeros((1, 2), given.dtype), given])
+    if traced or known[-1, 0] < end - _NEARLY:  # the clip runs on at its own speed
+        onward = known[-1:] + (end - known[-1, 0])
+        known = xp.concatenate([known, onward])
+    wrong = (xp.diff(known, axis=0) <= 0).any() | ~xp.isfinite(known).all()
+    wrong = wrong | (known[-1, 0] > end + _NEARLY)
+    message = "time_warp: pairs must increase in both columns, from 0 to the end of the clip"
+    if traced:
+        known = eqx.error_if(known, wrong, message)
+    elif wrong:
+        raise ValueError(f"{message}, {end * frame_time:g} s; got {np.asarray(pairs).tolist()}")
+    source, warped = jnp.asarray(known, motion.dtype).T
+    return warped, source
+
+
+def _ease_in_frames(ease: Sequence[ScalarLike], frame_time: Array, duration: Array) -> list[Array]:
+    if len(ease) != 2:
+        raise ValueError(f"time_warp: ease={ease}; expected seconds at the start and at the end")
+    eases = [jnp.asarray(e, frame_time.dtype) / frame_time for e in ease]
+    negative, long = (eases[0] < 0) | (eases[1] < 0), eases[0] + eases[1] > 2 * duration
+    message = (
+        "time_warp: ease must be 0 or more seconds, together at most twice the clip's duration"
+    )
+    if isinstance(long, Tracer) or isinstance(negative, Tracer):
+        return [eqx.error_if(e, negative | long, message) for e in eases]
+    if negative or long:
+        raise ValueError(f"{message}; got {tuple(ease)}")
+    return eases
+
+
+def _concrete(duration: ScalarLike) -> float:
+    if isinstance(duration, Tracer):
+        raise ValueError("time_warp: traced arguments decide the duration; give num_frames")
+    return float(duration)
+
+
+def _checked_amount(amount: ScalarLike, dtype) -> Array:
+    message = "time_warp: amount must be 0 or more"
+    value = jnp.asarray(amount, dtype)
+    if isinstance(value, Tracer):
+        return eqx.error_if(value, ~(value >= 0), message)
+    if not 0 <= float(value) < np.inf:
+        raise ValueError(f"{message}, got {amount}")
+    return value
