@@ -1,0 +1,314 @@
+"""Footskate cleanup in five steps (Kovar, Schreiner & Gleicher 2002), for any two-bone limbs.
+
+Each limb n has an end (ankle) at x with world rotation R, and two anchors that may be planted: the
+contact points on the end itself (heel, A) and those on joints below it (ball and toes, B; the mean
+of the planted ones), at a_A, a_B in the end's frame.
+
+1. Places. An anchor's contact has its target g; while the other anchor is down, an anchor that
+   comes down later is moved towards or away from it so that their distance is the foot's.
+2. Ankles. Both down: R′ = arc(R(a_B − a_A) → g_B − g_A) R, x′ the mean of g − R′a. One down: R′
+   takes over the turn of the nearest frame with both, faded; x′ = g − R′a.
+3. Root. Least shift Δ that puts every planted x′ within reach of its limb: nearest point of the
+   intersection of balls about x′ − hip (Dykstra's alternating projections), smoothed over time.
+4. Limbs. :func:`~jaxmotion.contacts.limb_ik` from the shifted hip to x′; R′ for the foot.
+5. Frames between contacts inherit x′ − (x + Δ) and the turn R′R⁻¹ from the contacts on both sides,
+   faded by α(k/min(F + 1, gap)), α(t) = 2t³ − 3t² + 1, F frames; feet below a ``floor`` are lifted.
+
+Where nothing is inherited the limb is untouched, bit for bit. Contradictory contacts (targets that
+no shift of the root can bring within reach together) get the nearest pose that the limbs allow.
+Differentiable in motion and targets; masks pass no gradient. T frames, C points, O(T·(J + C)).
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxmotion._numerics import safe_norm
+from jaxmotion._types import ScalarLike
+from jaxmotion.contacts.contact import Contacts, Limb
+from jaxmotion.contacts.limb_ik import LimbTurn, limb_ik, shortest_arc
+from jaxmotion.contacts.runs import last_before, next_after
+from jaxmotion.kinematics import WorldPose, forward_kinematics
+from jaxmotion.motion import Motion
+from jaxmotion.quaternion import conjugate, exp, log, multiply, rotate
+from jaxmotion.skeleton import Skeleton
+from jaxmotion.smoothing import lgs
+
+_REACH = 0.995  # of full length, or what the clip itself uses if that is more
+_CYCLES, _ROUNDS = 12, 6
+_CUTOFF = 3.0  # hertz, of the root's shift
+
+
+class _Feet(NamedTuple):
+    """Static: ``limbs`` (N, 3) joints; ``anchors`` bool(N, 2, C): which points make each anchor."""
+
+    limbs: tuple[Limb, ...]
+    anchors: tuple[tuple[tuple[bool, ...], ...], ...]
+
+
+def cleanup_footskate(
+    motion: Motion,
+    contacts: Contacts,
+    *,
+    stretch: float = 0.0,
+    fade: ScalarLike = 0.15,
+    floor: ScalarLike | None = None,
+    length: ScalarLike | None = None,
+) -> Motion:
+    """Put planted points at their targets by moving legs and root, and blend in between.
+
+    **Arguments:** ``contacts``: of the motion itself (:func:`detect`), or of the motion it was
+    edited from; ``stretch``: share by which bones may change length, which keeps nearly straight
+    knees from snapping (Kovar: up to 0.026; 0 keeps all bones, and a file needs position channels
+    for anything else); ``fade``: seconds over which corrections fade between contacts; ``floor``:
+    height below which no contact point may go; ``length``: number of frames that count.
+
+    **Returns:** a motion of the same shape; the one given if there are no contacts.
+
+    **Raises:** ``ValueError`` when the contacts have another number of frames, a point hangs from
+    no two-bone limb, or two limbs share a joint.
+    """
+    if contacts.num_frames != motion.num_frames:
+        raise ValueError(
+            f"cleanup_footskate: contacts have {contacts.num_frames} frames, the motion "
+            f"{motion.num_frames}; they must agree"
+        )
+    feet = _feet_of(motion.skeleton, contacts)
+    if not feet.limbs:
+        return motion
+    kind = motion.dtype
+    count = jnp.asarray(motion.num_frames if length is None else length, jnp.int32)
+    level = None if floor is None else jnp.asarray(floor, kind)
+    stretched = None if stretch == 0 else jnp.asarray(stretch, kind)
+    return _cleanup(motion, contacts, feet, stretched, jnp.asarray(fade, kind), level, count)
+
+
+def _feet_of(skeleton: Skeleton, contacts: Contacts) -> _Feet:
+    for name, limb in zip(contacts.names, contacts.limbs, strict=True):
+        if limb is None:
+            raise ValueError(
+                f"cleanup_footskate: {name!r} hangs from no two-bone limb; leave the point out or "
+                "give its limb to ContactPoints(limbs=...)"
+            )
+    limbs = tuple(sorted({limb for limb in contacts.limbs if limb is not None}))
+    used = [j for limb in limbs for j in limb]
+    if len(set(used)) < len(used):
+        shared = skeleton.names[next(j for j in used if used.count(j) > 1)]
+        raise ValueError(f"cleanup_footskate: {shared!r} belongs to two limbs; expected one")
+    anchors = tuple(
+        tuple(
+            tuple(
+                owner == limb and (joint == limb[2]) == (part == 0)
+                for owner, joint in zip(contacts.limbs, contacts.joints, strict=True)
+            )
+            for part in (0, 1)
+        )
+        for limb in limbs
+    )
+    return _Feet(limbs, anchors)
+
+
+@eqx.filter_jit
+def _cleanup(motion, contacts, feet: _Feet, stretch, fade, floor, length) -> Motion:
+    pose = forward_kinematics(motion)
+    joints = np.array(feet.limbs)
+    valid = jnp.asarray(np.arange(motion.num_frames, dtype=np.int32)) < length
+    reach_of_fade = fade / motion.frame_time
+    ankle = pose.positions[:, joints[:, 2]]
+    turns = pose.rotations[:, joints[:, 2]]
+    body = _in_end_frames(motion, pose, contacts)
+    weights = jnp.asarray(np.array(feet.anchors, np.float32), motion.dtype)
+    planted = contacts.mask & valid[:, None]
+    on, at, goal = _anchors(weights, planted, body, contacts.target.astype(motion.dtype))
+    goal = _fit_distances(on, goal, safe_norm(at[:, :, 1] - at[:, :, 0]))
+    both, any_on = on.all(-1), on.any(-1)
+    turn = shortest_arc(rotate(turns, at[:, :, 1] - at[:, :, 0]), goal[:, :, 1] - goal[:, :, 0])
+    turn = exp(_spread(jnp.where(both[..., None], log(turn), 0), both, reach_of_fade))
+    turned = multiply(turn, turns)
+    held = goal - rotate(turned[:, :, None], at)
+    share = on.astype(motion.dtype)
+    share = share / jnp.maximum(jnp.sum(share, -1, keepdims=True), 1)
+    wanted = jnp.where(any_on[..., None], jnp.sum(share[..., None] * held, 2), ankle)
+    most = 1.0 if stretch is None else 1 + stretch
+    shift = _root_shift(motion, pose, joints, wanted, any_on, most, reach_of_fade, valid)
+    base = ankle + shift[:, None]
+    away = _spread(jnp.where(any_on[..., None], wanted - base, 0), any_on, reach_of_fade)
+    if floor is not None:
+        away = _lifted(motion, contacts, feet, base + away, turned, body, any_on, away, floor)
+    solved = _solve(pose, joints, shift, base + away, stretch)
+    moved = jnp.any(away != 0, -1) | jnp.any(turn[..., 1:] != 0, -1)
+    return _assemble(motion, pose, joints, shift, solved, turned, moved, stretch is not None)
+
+
+def _in_end_frames(motion: Motion, pose: WorldPose, contacts: Contacts):
+    """The contact points in their limbs' end frames, f[T, C, 3]."""
+    ends = np.array([limb[2] for limb in contacts.limbs if limb is not None])
+    index = np.asarray(contacts.joints)
+    offset = rotate(pose.rotations[:, index], contacts.point.astype(motion.dtype))
+    apart = pose.positions[:, index] + offset - pose.positions[:, ends]
+    return rotate(conjugate(pose.rotations[:, ends]), apart)
+
+
+def _anchors(weights, planted, body, target):
+    """(on bool[T, N, 2], point in the end's frame f[T, N, 2, 3], target f[T, N, 2, 3])."""
+    share = weights * planted[:, None, None, :].astype(weights.dtype)
+    total = jnp.sum(share, -1, keepdims=True)
+    share = share / jnp.where(total > 0, total, 1)
+    at, goal = (jnp.einsum("tnkc,tcx->tnkx", share, x) for x in (body, target))
+    return total[..., 0] > 0, at, goal
+
+
+def _fit_distances(on, goal, distance):
+    """Step 1: the targets, with those of the later anchor moved to the foot's own length."""
+
+    def project(moving, still, apart):
+        line = moving - still
+        length = safe_norm(line, keepdims=True)
+        unit = line / jnp.where(length > 0, length, 1)
+        return jnp.where(length > 0, still + apart[:, None] * unit, moving)
+
+    def step(carry, now):
+        before, shift = carry
+        on, goal, apart = now
+        begins = on & ~before
+        shift = jnp.where(begins[..., None], 0, shift)
+        first, second = jnp.unstack(goal + shift, axis=1)
+        stands = (on & before).T
+        fitted_first = project(first, second, apart) - goal[:, 0]
+        fitted_second = project(second, first, apart) - goal[:, 1]
+        shift_first = jnp.where((begins[:, 0] & stands[1])[:, None], fitted_first, shift[:, 0])
+        late = begins[:, 1] & on[:, 0]
+        shift_second = jnp.where(late[:, None], fitted_second, shift[:, 1])
+        shift = jnp.stack([shift_first, shift_second], axis=1)
+        return (on, shift), goal + shift
+
+    start = jnp.zeros(on.shape[1:], bool), jnp.zeros_like(goal[0])
+    return jax.lax.scan(step, start, (on, goal, distance))[1]
+
+
+def _spread(
+    values: Float[Array, "time limb n"], on: Bool[Array, "time limb"], reach: Float[Array, ""]
+) -> Float[Array, "time limb n"]:
+    """Steps 2 and 5: values where ``on``; elsewhere those of the nearest such frames before and
+    after, faded to nothing over ``reach`` frames, or into one another over shorter gaps."""
+    count = on.shape[0]
+    frames = jnp.asarray(np.arange(count, dtype=np.int32)[:, None])
+    before, after = last_before(on), next_after(on)
+    far = jnp.asarray(4 * count, jnp.int32)
+    since = jnp.where(before >= 0, frames - before, far)
+    until = jnp.where(after < count, after - frames, far)
+    span = jnp.minimum((since + until).astype(values.dtype), reach + 1)
+
+    def side(frame, away):
+        u = jnp.clip(away.astype(values.dtype) / jnp.where(on, 1, span), 0, 1)
+        fade = jnp.where(on, 1, 2 * u**3 - 3 * u**2 + 1)
+        frame = jnp.clip(frame, 0, count - 1)[..., None]
+        return fade[..., None] * jnp.take_along_axis(values, frame, axis=0)
+
+    return jnp.where(on[..., None], values, side(before, since) + side(after, until))
+
+
+def _root_shift(motion, pose, joints, wanted, planted, most, reach_of_fade, valid):
+    """Step 3: f[T, 3]. Smooth rounds keep limbs a little short of full length; what they leave, if
+    it is beyond full length, a last round takes as it is."""
+    hip, knee, ankle = (pose.positions[:, joints[:, k]] for k in range(3))
+    full = most * (safe_norm(knee - hip) + safe_norm(ankle - knee))
+    usual = jnp.clip(safe_norm(ankle - hip), _REACH * full, full)
+    anywhere = planted.any(-1)[:, None]
+    weights = valid.astype(motion.dtype)
+    sine = jnp.sin(jnp.pi * jnp.minimum(_CUTOFF * motion.frame_time, 0.5))
+
+    def add(shift, last):
+        reach = jnp.where(last, full, usual)
+        more = _nearest(shift, wanted - hip, reach, planted) - shift
+        if motion.num_frames < 3:
+            return shift + more, None
+        spread = _spread(more[:, None], anywhere, reach_of_fade)[:, 0]
+        smooth = lgs(spread, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
+        return shift + jnp.where(last, more, smooth), None
+
+    rounds = np.arange(_ROUNDS + 1) == _ROUNDS
+    return jax.lax.scan(add, jnp.zeros_like(hip[:, 0]), rounds)[0]
+
+
+def _nearest(x, center, reach, planted):
+    """The point nearest to x in all balls of the planted limbs (Dykstra's algorithm)."""
+
+    def project(state, ball):
+        x, (center, reach, planted, past) = state, ball
+        line = x + past - center
+        length = safe_norm(line, keepdims=True)
+        far = (length > reach[:, None]) & planted[:, None]
+        inside = center + line * (reach[:, None] / jnp.where(far, length, 1))
+        moved = jnp.where(far, inside, x + past)
+        return moved, x + past - moved
+
+    balls = tuple(jnp.moveaxis(a, 1, 0) for a in (center, reach, planted))
+
+    def cycle(state, _):
+        x, past = state
+        return jax.lax.scan(project, x, (*balls, past)), None
+
+    return jax.lax.scan(cycle, (x, jnp.zeros_like(balls[0])), None, length=_CYCLES)[0][0]
+
+
+def _lifted(motion, contacts, feet, ankle, turned, body, planted, away, floor):
+    """Step 5: feet in the air raised by how far their lowest point is below the floor."""
+    up = "xyz".index(motion.skeleton.up)
+    owner = np.array([feet.limbs.index(limb) for limb in contacts.limbs])
+    points = ankle[:, owner] + rotate(turned[:, owner], body)
+    depth = jnp.maximum(floor - points[..., up], 0)
+    deepest = jnp.stack(
+        [jnp.max(depth[:, owner == n], axis=1) for n in range(len(feet.limbs))], axis=1
+    )
+    return away.at[..., up].add(jnp.where(planted, 0, deepest))
+
+
+def _solve(pose, joints, shift, target, stretch) -> LimbTurn:
+    """Step 4."""
+    hip, knee, ankle = (pose.positions[:, joints[:, k]] + shift[:, None] for k in range(3))
+    thigh = pose.rotations[:, joints[:, 0]]
+    bend = jnp.sum(rotate(conjugate(thigh), jnp.cross(knee - hip, ankle - knee)), axis=0)
+    length = safe_norm(bend, keepdims=True)
+    hinge = rotate(thigh, bend / jnp.where(length > 0, length, 1))
+    return limb_ik(
+        hip, knee, ankle, target, hinge=hinge, stretch=0.0 if stretch is None else stretch
+    )
+
+
+def _assemble(motion, pose, joints, shift, solved, turned, moved, stretched: bool) -> Motion:
+    """Local transforms from the turned limbs; joints between a limb's three turn along."""
+    world, parents = pose.rotations, np.asarray(motion.skeleton.parents)
+    first, middle, end = joints.T
+
+    def kept(joint, local):
+        return jnp.where(moved[..., None], local, motion.rotations[:, joint])
+
+    def under(turn, joint):
+        return conjugate(multiply(turn, world[:, parents[joint]]))
+
+    hip = multiply(conjugate(world[:, parents[first]]), multiply(solved.root, world[:, first]))
+    knee = multiply(under(solved.root, middle), multiply(solved.middle, world[:, middle]))
+    foot = multiply(under(solved.middle, end), turned)
+    rotations = motion.rotations.at[:, first].set(kept(first, hip))
+    rotations = rotations.at[:, middle].set(kept(middle, knee))
+    rotations = rotations.at[:, end].set(kept(end, foot))
+    translations = motion.translations.at[:, 0].add(shift)
+    moving = set(motion.translated_joints) | {0}
+    if stretched:
+        scale = jnp.where(moved, solved.scale, 1)[..., None]
+        for joint in (middle, end):
+            translations = translations.at[:, joint].multiply(scale)
+        moving |= {int(j) for j in (*middle, *end)}
+    return Motion(
+        motion.skeleton,
+        translations,
+        rotations,
+        motion.frame_time,
+        translated_joints=tuple(sorted(moving)),
+        frame_time_text=motion.frame_time_text,
+    )

@@ -1,0 +1,160 @@
+"""Two-bone limbs solved in closed form: knee by the cosine rule, then one swing of the limb.
+
+Bones a = middle − root and b = end − middle, of lengths l₁, l₂, turn so that the end comes to the
+target, at distance r from the root. With h the hinge, perpendicular to a, and b's component along h
+kept, b turns about h until the interior angle of the joint is θ, where
+
+    cos θ* = (l₁² + l₂² − r²)/(2 l₁ l₂)                          θ* meets the target
+    θ = θ₀ + G(θ*) − G(θ₀),   G(x) = min(x, ρ) + (π − ρ)(u⁴/2 − u³ + u),  u = clip((x − ρ)/(π − ρ))
+
+θ₀ the present angle: the change is damped as the limb comes near its full extension (θ > ρ), where
+the knee would snap; both bones scale by s = r/‖end − root‖ to make up for it (Kovar, Schreiner &
+Gleicher 2002, step 4). Where s would leave [1/(1 + stretch), 1 + stretch] it is cut there, and θ
+meets the target without damping if the scaled limb can reach it. At ``stretch`` = 0 the bones keep
+their lengths and nothing is damped. Then the shortest arc takes the limb's direction to the
+target's, so its swivel stays. Kovar's integral of f from θ₀ is G in closed form.
+
+The hinge is a × b, steadied by ``hinge`` where the limb is so straight that a × b is mostly noise.
+The knee bends to the side the hinge says; a limb bent the wrong way is bent back.
+
+Shapes broadcast over leading axes. Any length unit. O(1) a limb. Derivatives are finite everywhere:
+at full extension, for bones of length zero, and for a target at the root of the limb.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jaxmotion._numerics import safe_arctan2, safe_norm, safe_sqrt
+from jaxmotion._types import ArrayLike, Quaternion, ScalarLike, Vector3
+from jaxmotion.quaternion import multiply, normalize, rotate
+from jaxmotion.quaternion.algebra import assemble
+
+_STEADY = 0.15  # weight of the given hinge against sin of the bend
+
+
+class LimbTurn(NamedTuple):
+    """How to turn a limb, in world axes: ``root`` f[..., 4] turns both bones about the limb's root;
+    ``middle`` f[..., 4] turns the second bone, in total (put either before the joint's world
+    rotation); ``scale`` f[...] of both bones' lengths; ``end`` f[..., 3], where the end comes to.
+    """
+
+    root: Quaternion
+    middle: Quaternion
+    scale: Float[Array, "..."]
+    end: Vector3
+
+
+def limb_ik(
+    root: ArrayLike,
+    middle: ArrayLike,
+    end: ArrayLike,
+    target: ArrayLike,
+    *,
+    hinge: ArrayLike | None = None,
+    stretch: ScalarLike = 0.0,
+    straight: ScalarLike = 2.8,
+) -> LimbTurn:
+    """Turns that bring the end of a two-bone limb to a target, or as near as it can come.
+
+    **Arguments:** ``root``, ``middle``, ``end``, ``target``: f[..., 3], world positions (hip, knee,
+    ankle); ``hinge``: f[..., 3], the axis about which a positive turn of the second bone bends the
+    limb, for limbs that are straight; ``stretch``: the share by which bones may change length, 0
+    for not at all; ``straight``: ρ, radians.
+    **Returns:** :class:`LimbTurn`.
+    **Raises:** ``ValueError`` for points that do not have three components.
+
+    Source: Kovar, Schreiner & Gleicher 2002, section 4.4; the module has the equations.
+    """
+    points = [jnp.asarray(p) for p in (root, middle, end, target)]
+    for name, p in zip(("root", "middle", "end", "target"), points, strict=True):
+        if p.shape[-1:] != (3,):
+            raise ValueError(f"limb_ik: {name} must have shape (..., 3), got {p.shape}")
+    root, middle, end, target = points
+    upper, lower, wanted = middle - root, end - middle, target - root
+    bent = jnp.cross(upper, lower)
+    if hinge is not None:
+        scale = safe_norm(upper, keepdims=True) * safe_norm(lower, keepdims=True)
+        bent = bent + _STEADY * scale * jnp.asarray(hinge, bent.dtype)
+    axis = _unit_across(bent, upper)
+    bend, size = _bend(upper, lower, axis, wanted, stretch, straight)
+    lower = rotate(bend, lower)
+    swing = shortest_arc(upper + lower, wanted)
+    reached = root + size[..., None] * rotate(swing, upper + lower)
+    return LimbTurn(swing, multiply(swing, bend), size, reached)
+
+
+def _bend(upper, lower, axis, wanted, stretch, straight):
+    """The turn of the second bone about the hinge, and the scale of both bones."""
+    along = _unit(upper)
+    ahead = jnp.cross(axis, along)
+    l1, forward = safe_norm(upper), jnp.sum(lower * along, -1)
+    sideways = jnp.sum(lower * ahead, -1)
+    flat = safe_sqrt(forward**2 + sideways**2)  # of the second bone, in the limb's plane
+    squares = l1**2 + jnp.sum(lower**2, -1)
+    now = safe_arctan2(sideways, forward)  # π − θ₀, negative if bent the wrong way
+    product = 2 * l1 * flat
+
+    def reach_squared(flexion):
+        return squares + product * jnp.cos(flexion)
+
+    def flexion_for(r_squared):
+        usable = product > 0
+        cosine = (r_squared - squares) / jnp.where(usable, product, 1)
+        cosine = jnp.clip(jnp.where(usable, cosine, 1), -1, 1)
+        # Rounding near a straight limb must not make an infinite derivative.
+        floor = 64 * float(jnp.finfo(cosine.dtype).eps)
+        return safe_arctan2(safe_sqrt(1 - cosine**2, floor), cosine)
+
+    r_squared = jnp.sum(wanted**2, -1)
+    exact = flexion_for(r_squared)
+    damped = jnp.abs(now) + _damping(exact, straight) - _damping(jnp.abs(now), straight)
+    most = 1 + jnp.asarray(stretch, squares.dtype)
+    length = safe_sqrt(jnp.maximum(reach_squared(damped), 0))
+    needed = safe_norm(wanted) / jnp.where(length > 0, length, 1)
+    size = jnp.clip(jnp.where(length > 0, needed, 1), 1 / most, most)
+    flexion = jnp.where(size == needed, damped, flexion_for(r_squared / size**2))
+    half = 0.5 * (flexion - now)
+    return assemble(jnp.cos(half), *jnp.unstack(jnp.sin(half)[..., None] * axis, axis=-1)), size
+
+
+def _damping(flexion, straight):
+    """−G(π − flexion) up to a constant: how far the flexion goes, with damping near 0."""
+    limit = np.pi - jnp.asarray(straight, flexion.dtype)
+    u = jnp.clip(1 - flexion / limit, 0, 1)
+    return jnp.maximum(flexion, limit) - limit * (u**4 / 2 - u**3 + u)
+
+
+def shortest_arc(source, goal) -> Quaternion:
+    """The shortest rotation from one direction to another; none if either has no length; half a
+    turn about some perpendicular axis if they are opposite."""
+    a, b = _unit(source), _unit(goal)
+    known = (jnp.sum(a * a, -1) > 0) & (jnp.sum(b * b, -1) > 0)
+    cosine = jnp.where(known, jnp.sum(a * b, -1), 1)
+    across = jnp.where(known[..., None], jnp.cross(a, b), 0)
+    opposite = cosine < -1 + 64 * float(jnp.finfo(cosine.dtype).eps)
+    turned = _unit_across(jnp.zeros_like(a), a)
+    real = jnp.where(opposite, 0, 1 + cosine)
+    vector = jnp.where(opposite[..., None], turned, across)
+    return normalize(assemble(real, *jnp.unstack(vector, axis=-1)))
+
+
+def _unit(v):
+    length = safe_norm(v, keepdims=True)
+    return v / jnp.where(length > 0, length, 1)
+
+
+def _unit_across(v, line):
+    """Unit vector along v's part perpendicular to the line; some perpendicular if there is none."""
+    along = _unit(line)
+    # Least of the line's components: the axis that is farthest from it.
+    spare = jnp.asarray(np.eye(3), v.dtype)[jnp.argmin(jnp.abs(along), axis=-1)]
+    spare = spare - jnp.sum(spare * along, -1, keepdims=True) * along
+    rest = v - jnp.sum(v * along, -1, keepdims=True) * along
+    scale = safe_norm(v, keepdims=True)
+    noise = 64 * float(jnp.finfo(v.dtype).eps) * scale
+    length = safe_norm(rest, keepdims=True)
+    usable = length > noise
+    return jnp.where(usable, rest / jnp.where(usable, length, 1), _unit(spare))
