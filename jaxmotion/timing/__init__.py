@@ -1,5 +1,6 @@
 """Time: aligning, warping and resampling clips."""
 
+from jaxmotion.timing.align import Alignment, align
 from jaxmotion.timing.buckets import bucket_size, pad_to_bucket
 from jaxmotion.timing.dtw import WarpPath, dtw
 from jaxmotion.timing.frame_distance import frame_distance
@@ -9,8 +10,10 @@ from jaxmotion.timing.resample import resample
 from jaxmotion.timing.soft_dtw import soft_alignment, soft_dtw
 
 __all__ = [
+    "Alignment",
     "MotionWarp",
     "WarpPath",
+    "align",
     "bucket_size",
     "dtw",
     "frame_distance",

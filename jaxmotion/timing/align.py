@@ -1,0 +1,165 @@
+"""One clip in the timing of another.
+
+    dtw      cheapest pairing of frames by the distance of poses: :mod:`jaxmotion.timing.dtw`
+    warping  iterative motion warping of quaternion components less their means, which looks past
+             another posture: :mod:`jaxmotion.timing.motion_warping`
+
+    t_j = mean of the source frames i paired with reference frame j, then smoothed: least
+    Σ_j (x_j − t_j)² + m² Σ_j (x_{j+1} − x_j)², between fixed ends: first to first, last to last
+
+j: frames of the reference; x_j: the source time (frames) that is read for frame j; m: ``settle``,
+in frames of the reference. A pairing holds and skips whole frames; without smoothing the copy would
+stutter. Smoothed times never turn back (their steps solve (I + m² DDᵀ) w = steps of t, ends fixed,
+an M-matrix), and clips that agree stay as they are. Only joints with the same names are compared,
+without the root (where a clip is and which way it faces does not matter) unless it is all there is.
+O(T_x T_y J).
+
+A pairing is discrete: derivatives reach the copy through the poses that are read, not the times.
+"""
+
+from typing import Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float, Int
+
+from jaxmotion import quaternion
+from jaxmotion._numerics import safe_sqrt
+from jaxmotion._types import ScalarLike
+from jaxmotion.linalg import banded_solve
+from jaxmotion.motion import Motion
+from jaxmotion.timing.buckets import pad_to_bucket
+from jaxmotion.timing.dtw import dtw
+from jaxmotion.timing.motion_warping import motion_warping
+from jaxmotion.timing.resample import even_reading, read_motion
+
+
+class Alignment(eqx.Module):
+    """A clip in the timing of another.
+
+    **Fields:** ``motion``: the source read for every frame of the reference, at its frame time;
+    ``source_frame``: f[N], the source time that was read, in frames; ``path``: i32[P, 2], pairs
+    (source frame, reference frame), of which the first ``length`` count; ``distance``: f[], rms
+    angle in radians between the joints that were compared, over the pairs.
+    """
+
+    motion: Motion
+    source_frame: Float[Array, " reference"]
+    path: Int[Array, "pair 2"]
+    length: Int[Array, ""]
+    distance: Float[Array, ""]
+
+
+def align(
+    source: Motion,
+    reference: Motion,
+    *,
+    method: Literal["dtw", "warping"] = "dtw",
+    step_pattern: str = "symmetric",
+    window: int | None = None,
+    settle: ScalarLike = 2.0,
+) -> Alignment:
+    """Give a clip the timing of another.
+
+    **Arguments:** ``source``, ``reference``: clips of one dtype with at least one joint name in
+    common; ``method``: "dtw", or "warping" for the same action in another style; ``step_pattern``,
+    ``window``: of :func:`dtw`; ``settle``: m ≥ 0, frames of the reference over which the source
+    times are smoothed, 0 for the pairing as it is.
+    **Returns:** :class:`Alignment`.
+    **Raises:** ``ValueError`` for another method, no common joints, or a step pattern and window
+    that leave no path.
+    """
+    if method not in ("dtw", "warping"):
+        raise ValueError(f"align: method={method!r}; expected 'dtw' or 'warping'")
+    if not isinstance(settle, Tracer) and not 0 <= float(settle) < np.inf:
+        raise ValueError(f"align: settle={settle}; expected 0 or more frames")
+    x, y = _compared(source, reference)
+    n, m = (jnp.asarray(clip.shape[0], jnp.int32) for clip in (x, y))
+    if method == "warping":
+        warp = motion_warping(*_channels(x, y))
+        path = jnp.stack([warp.source_index, warp.reference_index], axis=1)
+        length = jnp.asarray(path.shape[0], jnp.int32)
+    else:
+        if not any(isinstance(clip, Tracer) for clip in (x, y)):
+            x, y = (pad_to_bucket(np.asarray(clip))[0] for clip in (x, y))  # type: ignore[arg-type]
+        warp = dtw(
+            x,
+            y,
+            metric="pose",
+            step_pattern=step_pattern,
+            window=window,
+            x_length=n,
+            y_length=m,
+        )
+        path, length = warp.path, _found(warp.length)
+    settle = jnp.asarray(settle, source.dtype)
+    at, distance = _source_times(jnp.asarray(x), jnp.asarray(y), path, length, n, m, settle)
+    at = at[: reference.num_frames]
+    reading = even_reading(at, source.num_frames, source.dtype)
+    copy = read_motion(source, reading, reference.frame_time)
+    return Alignment(copy, at, path, length, distance)
+
+
+def _compared(source: Motion, reference: Motion) -> tuple[Array, Array]:
+    """Rotations of the joints of the same names, the root only if it is the only one."""
+    if source.dtype != reference.dtype:
+        raise ValueError(f"align: the source is {source.dtype}, the reference {reference.dtype}")
+    theirs = {name: j for j, name in enumerate(reference.skeleton.names)}
+    common = [(j, theirs[n]) for j, n in enumerate(source.skeleton.names) if n in theirs]
+    if not common:
+        raise ValueError(
+            f"align: no joint of the source ({', '.join(source.skeleton.names)}) is in the "
+            f"reference ({', '.join(reference.skeleton.names)})"
+        )
+    own, other = np.array([pair for pair in common if 0 not in pair] or common, np.int32).T
+    return source.rotations[:, own], reference.rotations[:, other]
+
+
+def _channels(x: Array, y: Array) -> tuple[Array, ...]:
+    """Quaternion components less their means, f[T, 4 J], without jumps, in one hemisphere."""
+    x, y = quaternion.align_signs(x), quaternion.align_signs(y)
+    agree = jnp.sum(jnp.mean(x, axis=0) * jnp.mean(y, axis=0), axis=-1, keepdims=True)
+    x = jnp.where(agree < 0, -x, x)
+    return tuple((q - jnp.mean(q, axis=0)).reshape(q.shape[0], -1) for q in (x, y))
+
+
+def _found(length: Array) -> Array:
+    message = "align: the step pattern and window leave no path between clips of these lengths"
+    if isinstance(length, Tracer):
+        return eqx.error_if(length, length == 0, message)
+    if int(length) == 0:
+        raise ValueError(message)
+    return length
+
+
+@jax.jit
+def _source_times(
+    x: Float[Array, "source joint 4"],
+    y: Float[Array, "reference joint 4"],
+    path: Int[Array, "pair 2"],
+    length: Int[Array, ""],
+    n: Int[Array, ""],
+    m: Int[Array, ""],
+    settle: Float[Array, ""],
+) -> tuple[Float[Array, " reference"], Float[Array, ""]]:
+    """Smoothed source time of every reference frame (padded), and the rms angle over the path."""
+    counts = (jnp.arange(path.shape[0], dtype=length.dtype) < length).astype(x.dtype)
+    source, reference = path[:, 0], path[:, 1]
+    frames = y.shape[0]
+    number = jax.ops.segment_sum(counts, reference, frames)
+    total = jax.ops.segment_sum(counts * source.astype(x.dtype), reference, frames)
+    mean = total / jnp.maximum(number, 1)
+    frame, end = jnp.arange(frames, dtype=m.dtype), (n - 1).astype(x.dtype)
+    inside = (frame > 0) & (frame < m - 1)
+    fixed = jnp.where((frame == m - 1) & (frame > 0), end, 0)
+    beside = jnp.pad(fixed, 1)[2:]  # frame 0 is fixed at 0 and pulls at nothing
+    main = jnp.where(inside, 1 + 2 * settle**2, 1)
+    below = jnp.where(inside & jnp.roll(inside, -1), -(settle**2), 0)
+    pull = jnp.where(inside, mean + settle**2 * beside, fixed)
+    at = jnp.clip(banded_solve(jnp.stack([main, below], axis=1), pull), 0, end)
+    angle = quaternion.distance(x[source], y[reference])
+    squared = jnp.sum(counts * jnp.mean(angle**2, axis=1)) / jnp.sum(counts)
+    return at, safe_sqrt(squared)
