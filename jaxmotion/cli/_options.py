@@ -135,14 +135,16 @@ def fps_option(function: Callable) -> Callable:
     )(function)
 
 
-def batch_options(function: Callable) -> Callable:
+def batch_options(function: Callable | None = None, *, out_required: bool = True) -> Callable:
     """FILES, ``-o`` and how to go through them; the command is given ``batch``."""
+    if function is None:
+        return functools.partial(batch_options, out_required=out_required)
 
     @files_argument
     @click.option(
         "-o",
         "--out",
-        required=True,
+        required=out_required,
         type=click.Path(path_type=Path),
         help="Output folder, which mirrors the inputs' tree; or the output file, for one input.",
     )

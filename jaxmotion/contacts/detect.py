@@ -74,7 +74,7 @@ def detect(
     if joints is not None:
         points = ContactPoints(motion.skeleton, joints)
     elif points is None:
-        points = find_feet(motion)
+        points = find_feet(motion, length=None if length is None else int(length))
     frames = min(_window(motion, window), motion.num_frames)
     kind = motion.dtype
     level = floor if floor is None or isinstance(floor, str) else jnp.asarray(floor, kind)

@@ -37,11 +37,11 @@ class _Foot(NamedTuple):
     limb: Limb | None
 
 
-def find_feet(motion: Motion) -> ContactPoints:
+def find_feet(motion: Motion, *, length: int | None = None) -> ContactPoints:
     """Heels and balls of the feet; no points for a skeleton without feet.
 
     **Arguments:** ``motion``: T frames, J joints, of known values (not traced): the floor's
-    direction and the limbs that stand are read from it.
+    direction and the limbs that stand are read from it; ``length``: number of frames that count.
     **Returns:** :class:`ContactPoints` in the order of the joints, heel before ball.
     **Raises:** ``ValueError`` under ``jit`` and ``vmap``; find the points outside.
     """
@@ -53,7 +53,8 @@ def find_feet(motion: Motion) -> ContactPoints:
     skeleton = motion.skeleton
     pose = forward_kinematics(motion)
     world, turns, tips = (
-        np.asarray(a, np.float64) for a in (pose.positions, pose.rotations, pose.end_positions)
+        np.asarray(a, np.float64)[:length]
+        for a in (pose.positions, pose.rotations, pose.end_positions)
     )
     up = np.eye(3)["xyz".index(skeleton.up)]
     feet = _by_name(skeleton)

@@ -25,13 +25,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
 
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts, Limb
 from jaxmotion.contacts.limb_ik import LimbTurn, limb_ik, shortest_arc
-from jaxmotion.contacts.runs import last_before, next_after
+from jaxmotion.contacts.runs import spread
 from jaxmotion.kinematics import WorldPose, forward_kinematics
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion import conjugate, exp, log, multiply, rotate
@@ -127,7 +126,7 @@ def _cleanup(motion, contacts, feet: _Feet, stretch, fade, floor, length) -> Mot
     goal = _fit_distances(on, goal, safe_norm(at[:, :, 1] - at[:, :, 0]))
     both, any_on = on.all(-1), on.any(-1)
     turn = shortest_arc(rotate(turns, at[:, :, 1] - at[:, :, 0]), goal[:, :, 1] - goal[:, :, 0])
-    turn = exp(_spread(jnp.where(both[..., None], log(turn), 0), both, reach_of_fade))
+    turn = exp(spread(jnp.where(both[..., None], log(turn), 0), both, reach_of_fade))
     turned = multiply(turn, turns)
     held = goal - rotate(turned[:, :, None], at)
     share = on.astype(motion.dtype)
@@ -136,7 +135,7 @@ def _cleanup(motion, contacts, feet: _Feet, stretch, fade, floor, length) -> Mot
     most = 1.0 if stretch is None else 1 + stretch
     shift = _root_shift(motion, pose, joints, wanted, any_on, most, reach_of_fade, valid)
     base = ankle + shift[:, None]
-    away = _spread(jnp.where(any_on[..., None], wanted - base, 0), any_on, reach_of_fade)
+    away = spread(jnp.where(any_on[..., None], wanted - base, 0), any_on, reach_of_fade)
     if floor is not None:
         away = _lifted(motion, contacts, feet, base + away, turned, body, any_on, away, floor)
     solved = _solve(pose, joints, shift, base + away, stretch)
@@ -190,28 +189,6 @@ def _fit_distances(on, goal, distance):
     return jax.lax.scan(step, start, (on, goal, distance))[1]
 
 
-def _spread(
-    values: Float[Array, "time limb n"], on: Bool[Array, "time limb"], reach: Float[Array, ""]
-) -> Float[Array, "time limb n"]:
-    """Steps 2 and 5: values where ``on``; elsewhere those of the nearest such frames before and
-    after, faded to nothing over ``reach`` frames, or into one another over shorter gaps."""
-    count = on.shape[0]
-    frames = jnp.asarray(np.arange(count, dtype=np.int32)[:, None])
-    before, after = last_before(on), next_after(on)
-    far = jnp.asarray(4 * count, jnp.int32)
-    since = jnp.where(before >= 0, frames - before, far)
-    until = jnp.where(after < count, after - frames, far)
-    span = jnp.minimum((since + until).astype(values.dtype), reach + 1)
-
-    def side(frame, away):
-        u = jnp.clip(away.astype(values.dtype) / jnp.where(on, 1, span), 0, 1)
-        fade = jnp.where(on, 1, 2 * u**3 - 3 * u**2 + 1)
-        frame = jnp.clip(frame, 0, count - 1)[..., None]
-        return fade[..., None] * jnp.take_along_axis(values, frame, axis=0)
-
-    return jnp.where(on[..., None], values, side(before, since) + side(after, until))
-
-
 def _root_shift(motion, pose, joints, wanted, planted, most, reach_of_fade, valid):
     """Step 3: f[T, 3]. Smooth rounds keep limbs a little short of full length; what they leave, if
     it is beyond full length, a last round takes as it is."""
@@ -227,8 +204,8 @@ def _root_shift(motion, pose, joints, wanted, planted, most, reach_of_fade, vali
         more = _nearest(shift, wanted - hip, reach, planted) - shift
         if motion.num_frames < 3:
             return shift + more, None
-        spread = _spread(more[:, None], anywhere, reach_of_fade)[:, 0]
-        smooth = lgs(spread, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
+        wide = spread(more[:, None], anywhere, reach_of_fade)[:, 0]
+        smooth = lgs(wide, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
         return shift + jnp.where(last, more, smooth), None
 
     rounds = np.arange(_ROUNDS + 1) == _ROUNDS

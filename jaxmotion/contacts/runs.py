@@ -67,5 +67,27 @@ def mean_over_runs(
     return jnp.where(mask[..., None], first + mean, values)
 
 
+def spread(
+    values: Float[Array, "time limb n"], on: Bool[Array, "time limb"], reach: Float[Array, ""]
+) -> Float[Array, "time limb n"]:
+    """Values where ``on``; elsewhere those of the nearest such frames before and after, faded to
+    nothing over ``reach`` frames, or into one another over shorter gaps, by 2u³ − 3u² + 1."""
+    count = on.shape[0]
+    frames = _frames(on)
+    before, after = last_before(on), next_after(on)
+    far = jnp.asarray(4 * count, jnp.int32)
+    since = jnp.where(before >= 0, frames - before, far)
+    until = jnp.where(after < count, after - frames, far)
+    span = jnp.minimum((since + until).astype(values.dtype), reach + 1)
+
+    def side(frame, away):
+        u = jnp.clip(away.astype(values.dtype) / jnp.where(on, 1, span), 0, 1)
+        fade = jnp.where(on, 1, 2 * u**3 - 3 * u**2 + 1)
+        frame = jnp.clip(frame, 0, count - 1)[..., None]
+        return fade[..., None] * jnp.take_along_axis(values, frame, axis=0)
+
+    return jnp.where(on[..., None], values, side(before, since) + side(after, until))
+
+
 def _frames(mask: Mask) -> Int[Array, "time 1"]:
     return jnp.asarray(np.arange(mask.shape[0], dtype=np.int32)[:, None])

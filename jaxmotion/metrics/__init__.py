@@ -1,6 +1,15 @@
 """Measures of clips, of the difference between two, and checks built on them."""
 
 from jaxmotion.metrics.checks import KINDS, Problem, find_problems
+from jaxmotion.metrics.contact import (
+    ContactScores,
+    contact_scores,
+    foot_skate,
+    jerk,
+    joint_position_error,
+    penetration,
+    slides,
+)
 from jaxmotion.metrics.measures import (
     Difference,
     Peak,
@@ -18,18 +27,25 @@ from jaxmotion.metrics.measures import (
 
 __all__ = [
     "KINDS",
+    "ContactScores",
     "Difference",
     "Peak",
     "Problem",
     "bend",
+    "contact_scores",
     "difference",
     "duplicate_frames",
     "figure_size",
     "find_problems",
+    "foot_skate",
     "gimbal_margin",
+    "jerk",
+    "joint_position_error",
+    "penetration",
     "root_bend",
     "rotation_rates",
     "sign_flips",
+    "slides",
     "turn",
     "world_positions",
 ]

@@ -1,0 +1,144 @@
+"""``jaxmotion contacts``: when the feet touch the floor, and feet that do not slide."""
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jaxmotion.cli._options import Batch, Running, Selection, batch_options, running_options
+
+if TYPE_CHECKING:
+    from jaxmotion import Motion
+    from jaxmotion.contacts import Contacts
+
+_SHOWN = 8
+_WAYS = {"legs": "cleanup_footskate", "root": "cleanup_root"}
+
+
+@click.command(short_help="When the feet touch the floor; stop them from sliding.")
+@batch_options(out_required=False)
+@click.option(
+    "--method",
+    type=click.Choice(["segments", "thresholds"]),
+    default="segments",
+    show_default=True,
+    help="How to find contacts: segments at rest, or points that are low and slow.",
+)
+@click.option(
+    "--joint",
+    "joints",
+    multiple=True,
+    metavar="PATTERN",
+    help="Look at the joints whose names match, such as '*Hand', not at the feet; may be repeated.",
+)
+@click.option(
+    "--no-floor", is_flag=True, help="Let contacts be anywhere: stairs, tables, other people."
+)
+@click.option("--json", "as_json", is_flag=True, help="As JSON, a list with one entry a file.")
+@click.option(
+    "--restore",
+    type=click.Choice(list(_WAYS)),
+    help="Write the motion to -o with every contact in one place, by moving legs and root, or the "
+    "root alone.",
+)
+@running_options
+def command(
+    batch: Batch,
+    running: Running,
+    method: str,
+    joints: tuple[str, ...],
+    no_floor: bool,
+    as_json: bool,
+    restore: str | None,
+) -> None:
+    """List when the feet (or other joints) touch, or stop them from sliding while they do.
+
+    \b
+    jaxmotion contacts walk.bvh
+    jaxmotion contacts takes --json --method thresholds
+    jaxmotion contacts takes -o clean --restore legs --jobs 4
+    """
+    finding = partial(find, method=method, joints=joints, floor=None if no_floor else "auto")
+    if restore is None:
+        if batch.out is not None:
+            raise click.UsageError("say how to write to -o: --restore legs, or --restore root")
+        _list(batch, running, finding, as_json)
+        return
+    if batch.out is None:
+        raise click.UsageError("--restore writes files: say where, with -o")
+    from jaxmotion.cli._batch import edit_files
+
+    everything = Selection(strength=1.0, joints=(), frames=(None, None), fade=0)
+    edit_files(partial(edit, finding=finding, way=restore), batch, running, everything)
+
+
+def find(
+    motion: "Motion", length: int, *, method: Any, joints: tuple[str, ...], floor: Any
+) -> "Contacts":
+    """The library's contacts of a padded clip."""
+    import jaxmotion as jm
+
+    matching = sorted({j for pattern in joints for j in motion.skeleton.matching(pattern)})
+    return jm.contacts.detect(
+        motion, method=method, joints=matching or None, floor=floor, length=length
+    )
+
+
+def edit(motion: "Motion", length: int, *, finding: Any, way: str) -> "Motion":
+    """The library's cleanup on a padded clip, with the clip's own contacts."""
+    import jaxmotion as jm
+
+    cleanup = getattr(jm.contacts, _WAYS[way])
+    return cleanup(motion, finding(motion, length), length=length)
+
+
+def _list(batch: Batch, running: Running, finding: Any, as_json: bool) -> None:
+    from jaxmotion.cli._reading import each
+
+    found = []
+    failed = False
+    for item in each(batch.files, batch.fps, running):
+        failed |= item.motion is None
+        if item.motion is None:
+            continue
+        entry = {"file": str(item.path), **_facts(item.motion, finding)}
+        found.append(entry)
+        if not as_json:
+            click.echo(_as_text(item.path, entry))
+    if as_json:
+        click.echo(json.dumps(found, indent=1, ensure_ascii=False))
+    raise click.exceptions.Exit(1 if failed else 0)
+
+
+def _facts(motion: "Motion", finding: Any) -> dict[str, Any]:
+    import numpy as np
+
+    from jaxmotion import contacts, metrics
+    from jaxmotion.cli._work import pad
+
+    padded, length = pad(motion)
+    found = finding(padded, length)
+    share = np.asarray(found.mask).sum(axis=0) / length
+    return {
+        "frames": length,
+        "fps": round(1.0 / float(motion.frame_time), 6),
+        "slide": metrics.foot_skate(padded, found),
+        "points": dict(zip(found.names, share.tolist(), strict=True)),
+        "contacts": [interval._asdict() for interval in contacts.intervals(found)],
+    }
+
+
+def _as_text(path: Path, facts: dict[str, Any]) -> str:
+    name = click.format_filename(path)
+    if not facts["points"]:
+        return f"{name}: no feet found; --joint names others"
+    lines = [f"{name}: points in contact slide at {facts['slide']:.3g} a second"]
+    width = max(map(len, facts["points"]))
+    for point, share in facts["points"].items():
+        spans = [f"{c['first']}-{c['last']}" for c in facts["contacts"] if c["point"] == point]
+        more = f" and {len(spans) - _SHOWN} more" if len(spans) > _SHOWN else ""
+        told = f"frames {', '.join(spans[:_SHOWN])}{more}" if spans else "never"
+        lines.append(f"  {point:<{width}}  {100 * share:3.0f} %  {told}")
+    return "\n".join(lines)

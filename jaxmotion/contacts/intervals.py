@@ -1,0 +1,38 @@
+"""Contacts as a list: one entry a contact, from its first frame to its last. NumPy, O(T·C)."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxmotion.contacts.contact import Contacts
+
+KIND_NAMES = ("free", "point", "line", "plane")
+
+
+class Interval(NamedTuple):
+    """One contact: ``point`` by name, ``joint`` by index, ``first`` and ``last`` frame, ``kind``
+    ("point", "line" or "plane", the most frequent), ``target`` (x, y, z) and mean ``confidence``.
+    """
+
+    point: str
+    joint: int
+    first: int
+    last: int
+    kind: str
+    target: tuple[float, float, float]
+    confidence: float
+
+
+def intervals(contacts: Contacts) -> list[Interval]:
+    """Every contact, in the order of the points and then of time."""
+    mask, kind = np.asarray(contacts.mask), np.asarray(contacts.kind)
+    target, confidence = np.asarray(contacts.target), np.asarray(contacts.confidence)
+    found = []
+    for c, (name, joint) in enumerate(zip(contacts.names, contacts.joints, strict=True)):
+        edges = np.diff(np.concatenate([[0], mask[:, c].astype(int), [0]]))
+        for first, end in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
+            x, y, z = (float(v) for v in target[first, c])
+            common = KIND_NAMES[np.bincount(kind[first:end, c], minlength=4).argmax()]
+            sure = float(confidence[first:end, c].mean())
+            found.append(Interval(name, joint, int(first), int(end) - 1, common, (x, y, z), sure))
+    return found

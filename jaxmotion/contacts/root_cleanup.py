@@ -1,0 +1,84 @@
+"""Footskate cleanup by the root alone (after Lyard & Magnenat-Thalmann 2008; our version).
+
+What planted points slide from frame to frame, the root takes back, for good:
+
+    S(t) = S(t − 1) − mean over points planted at t − 1 and t of (y(t) − y(t − 1))      on the floor
+    H(t) = mean over the planted points of (target − y)·up,   across gaps from one side to the other
+
+No joint turns, so the pose stays as it was performed, but the path becomes shorter or longer, and
+of two feet that slide apart each keeps half. S and H are smoothed (half amplitude at 6 Hz), since
+their speed jumps where one foot takes over from another; a steady slide is not touched by that.
+T frames, C points, O(T·(J + C)). Differentiable in motion and targets.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmotion._types import ScalarLike
+from jaxmotion.contacts.contact import Contacts
+from jaxmotion.contacts.runs import spread
+from jaxmotion.motion import Motion
+from jaxmotion.smoothing import lgs
+
+_CUTOFF = 6.0
+
+
+def cleanup_root(
+    motion: Motion,
+    contacts: Contacts,
+    *,
+    floor: ScalarLike | None = None,
+    length: ScalarLike | None = None,
+) -> Motion:
+    """Stop planted points from sliding by moving the root only.
+
+    **Arguments:** ``contacts``: of the motion; ``floor``: height below which no contact point may
+    go; ``length``: number of frames that count.
+    **Returns:** a motion of the same shape, every rotation as it was.
+    **Raises:** ``ValueError`` when the contacts have another number of frames.
+    """
+    if contacts.num_frames != motion.num_frames:
+        raise ValueError(
+            f"cleanup_root: contacts have {contacts.num_frames} frames, the motion "
+            f"{motion.num_frames}; they must agree"
+        )
+    if contacts.num_points == 0:
+        return motion
+    level = None if floor is None else jnp.asarray(floor, motion.dtype)
+    count = jnp.asarray(motion.num_frames if length is None else length, jnp.int32)
+    return _cleanup(motion, contacts, level, count)
+
+
+@eqx.filter_jit
+def _cleanup(motion: Motion, contacts: Contacts, floor, length) -> Motion:
+    kind, up = motion.dtype, "xyz".index(motion.skeleton.up)
+    valid = jnp.asarray(np.arange(motion.num_frames, dtype=np.int32)) < length
+    planted = contacts.mask & valid[:, None]
+    points = contacts.points.positions(motion)
+    both = (planted[1:] & planted[:-1]).astype(kind)[..., None]
+    slide = jnp.sum(both * jnp.diff(points, axis=0), 1) / jnp.maximum(jnp.sum(both, 1), 1)
+    shift = -jnp.cumsum(jnp.pad(slide, ((1, 0), (0, 0))), axis=0)
+    on = planted.astype(kind)
+    low = jnp.sum(on * (contacts.target.astype(kind) - points)[..., up], 1, keepdims=True)
+    low = low / jnp.maximum(jnp.sum(on, 1, keepdims=True), 1)
+    anywhere = planted.any(1, keepdims=True)
+    whole = jnp.asarray(motion.num_frames, kind)
+    shift = shift.at[:, up].set(spread(low[..., None], anywhere, whole)[:, 0, 0])
+    if motion.num_frames > 2:
+        sine = jnp.sin(jnp.pi * jnp.minimum(_CUTOFF * motion.frame_time, 0.5))
+        weights = valid.astype(kind)
+        smooth = lgs(shift, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
+        shift = jnp.where(jnp.any(shift != 0), smooth, 0)
+    if floor is not None:
+        lowest = jnp.min(points[..., up], axis=1) + shift[:, up]
+        shift = shift.at[:, up].add(jnp.maximum(floor - lowest, 0))
+    moving = tuple(sorted({*motion.translated_joints, 0}))
+    return Motion(
+        motion.skeleton,
+        motion.translations.at[:, 0].add(shift),
+        motion.rotations,
+        motion.frame_time,
+        translated_joints=moving,
+        frame_time_text=motion.frame_time_text,
+    )

@@ -1,0 +1,104 @@
+"""Measures of contacts, smoothness and accuracy.
+
+    slides            ‖y_c(t + 1) − y_c(t)‖ where point c is in contact at t and t + 1, else 0
+    foot_skate        their sum over the time spent in contact               file unit a second
+    penetration       depth of the points below the floor                    file unit
+    contact_scores    precision and recall of a mask against the truth
+    jerk              ‖third difference of world positions‖ / Δt³            file unit / s³
+    joint_position_error   distance between the joints of two clips          file unit
+
+T frames, J joints, C points. NumPy in float64 on the host, O(T·(J + C)).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jaxmotion._types import ArrayLike
+from jaxmotion.contacts import ContactPoints, Contacts
+from jaxmotion.metrics.measures import world_positions
+from jaxmotion.motion import Motion
+
+
+class ContactScores(NamedTuple):
+    """``precision``: share of what was found that is true; ``recall``: share of what is true that
+    was found; 1 where there is nothing to find or nothing found."""
+
+    precision: float
+    recall: float
+
+
+def slides(motion: Motion, contacts: Contacts) -> Float[np.ndarray, "step point"]:
+    """How far each point moves from frame to frame while in contact: f[T − 1, C], file unit.
+
+    **Raises:** ``ValueError`` when the contacts have another number of frames.
+    """
+    mask = np.asarray(contacts.mask)
+    if len(mask) != motion.num_frames:
+        raise ValueError(
+            f"slides: contacts have {len(mask)} frames, the motion {motion.num_frames}; "
+            "they must agree"
+        )
+    moved = np.diff(np.asarray(contacts.points.positions(motion), np.float64), axis=0)
+    return np.linalg.norm(moved, axis=-1) * (mask[1:] & mask[:-1])
+
+
+def foot_skate(motion: Motion, contacts: Contacts) -> float:
+    """Mean speed at which points slide while in contact, file unit a second; 0 without contacts."""
+    mask = np.asarray(contacts.mask)
+    seconds = np.sum(mask[1:] & mask[:-1]) * float(motion.frame_time)
+    return float(slides(motion, contacts).sum() / seconds) if seconds else 0.0
+
+
+def penetration(
+    motion: Motion, points: ContactPoints, floor: float = 0.0
+) -> Float[np.ndarray, "time point"]:
+    """How far each point is below the height ``floor``: f[T, C] ≥ 0, file unit."""
+    positions = np.asarray(points.positions(motion), np.float64)
+    return np.maximum(floor - positions[..., "xyz".index(motion.skeleton.up)], 0.0)
+
+
+def contact_scores(
+    found: ArrayLike, truth: ArrayLike, judged: ArrayLike | None = None
+) -> ContactScores:
+    """Precision and recall of contact masks.
+
+    **Arguments:** ``found``, ``truth``: bool[T, C]; ``judged``: bool[T, C], entries that count.
+    **Raises:** ``ValueError`` when the shapes differ.
+    """
+    found, truth = np.asarray(found, bool), np.asarray(truth, bool)
+    judged = np.ones(truth.shape, bool) if judged is None else np.asarray(judged, bool)
+    if not found.shape == truth.shape == judged.shape:
+        raise ValueError(
+            f"contact_scores: found has shape {found.shape}, truth {truth.shape}, judged "
+            f"{judged.shape}; they must agree"
+        )
+    hits = np.sum(found & truth & judged)
+    shares = [hits / n if n else 1.0 for n in (np.sum(m & judged) for m in (found, truth))]
+    return ContactScores(float(shares[0]), float(shares[1]))
+
+
+def jerk(motion: Motion) -> Float[np.ndarray, "step joint"]:
+    """Third derivative in time of every joint's world position: f[T − 3, J], file unit / s³."""
+    positions = world_positions(motion)[:, : motion.num_joints]
+    return np.linalg.norm(np.diff(positions, n=3, axis=0), axis=-1) / float(motion.frame_time) ** 3
+
+
+def joint_position_error(
+    motion: Motion, reference: Motion, *, relative: bool = False
+) -> Float[np.ndarray, "time joint"]:
+    """Distance of every joint from the reference's: f[T, J], file unit.
+
+    **Arguments:** two clips of one shape; ``relative``: with both roots put in one place.
+    **Raises:** ``ValueError`` when the shapes differ.
+    """
+    if motion.rotations.shape != reference.rotations.shape:
+        raise ValueError(
+            f"joint_position_error: the clips have shapes {motion.rotations.shape} and "
+            f"{reference.rotations.shape} (time, joint, 4); they must agree"
+        )
+    a, b = (world_positions(m)[:, : m.num_joints] for m in (motion, reference))
+    if relative:
+        a, b = a - a[:, :1], b - b[:, :1]
+    return np.linalg.norm(a - b, axis=-1)
