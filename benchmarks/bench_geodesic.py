@@ -17,8 +17,7 @@ import numpy as np
 jax.config.update("jax_enable_x64", True)
 
 from jaxmotion import quaternion  # noqa: E402
-from jaxmotion.smoothing import smooth_quaternions  # noqa: E402
-from jaxmotion.smoothing.geodesic import geodesic  # noqa: E402
+from jaxmotion.smoothing import geodesic, smooth_quaternions  # noqa: E402
 
 REPEATS = 5
 

@@ -23,6 +23,17 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
 @click.command(short_help="Remove the noise of the capture.")
 @batch_options
 @selection_options
+@click.option(
+    "--method",
+    type=click.Choice(["chordal", "geodesic"]),
+    help="How rotations are smoothed: fast, or exactly on the rotations.  [default: chordal]",
+)
+@click.option(
+    "--auto/--paper",
+    default=None,
+    help="Learn the smoothness of every joint from the clip, or take the paper's.  [default: auto]",
+)
+@click.option("--robust", is_flag=True, default=None, help="Find spikes first, and bridge them.")
 @click.option("--lam", type=_POSITIVE, help="Smoothness of what is kept; for experts.")
 @click.option("--sigma", type=_POSITIVE, help="Noise of the capture; for experts.")
 @running_options
@@ -30,6 +41,9 @@ def command(
     batch: Batch,
     running: Running,
     selection: Selection,
+    method: str | None,
+    auto: bool | None,
+    robust: bool | None,
     lam: float | None,
     sigma: float | None,
 ) -> None:
@@ -38,11 +52,14 @@ def command(
     \b
     jaxmotion denoise take.bvh -o clean.bvh
     jaxmotion denoise takes -o clean --jobs 4 --report report.html
+    jaxmotion denoise take.bvh -o clean.bvh --robust
     jaxmotion denoise take.bvh -o clean.bvh --joints 'Left*' --range 120:480
     """
     from jaxmotion.cli._batch import edit_files
 
-    given = {"lam": lam, "sigma": sigma}
+    if auto and (lam is not None or sigma is not None):
+        raise click.UsageError("--auto learns what --lam and --sigma give; use one or the other")
+    given = {"method": method, "tune": auto, "robust": robust, "lam": lam, "sigma": sigma}
     options = {name: value for name, value in given.items() if value is not None}
     edit_files(partial(edit, options=options), batch, running, selection)
 

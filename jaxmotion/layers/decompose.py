@@ -24,7 +24,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
 from jaxmotion._numerics import safe_norm
-from jaxmotion._types import ScalarLike
+from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing import MotionTuning, lgs, smooth_motion, smooth_quaternions
@@ -63,6 +63,8 @@ def decompose(
     scope: Literal["global", "per_joint"] = "global",
     order: Literal[1, 2] = 2,
     tune: Criterion | None = None,
+    method: Literal["chordal", "geodesic"] = "chordal",
+    weights: ArrayLike | None = None,
     length: ScalarLike | None = None,
 ) -> MotionLayers:
     """Split a motion into base, controllable and residual layers.
@@ -72,40 +74,67 @@ def decompose(
     paper's 1; ``scope``: one base for the body, or a rung of its own for every joint (its
     translation follows); ``order``: of the smoother; ``tune``: learn the control
     layer's λ and σ instead, per joint and apart for rotations and translations, by this criterion
-    ("evidence", "gcv" or "holdout", see :mod:`jaxmotion.smoothing.tuning`); ``length``: how many
+    ("evidence", "gcv" or "holdout", see :mod:`jaxmotion.smoothing.tuning`); ``method``: the base's
+    rotations by Eq. 11, or exactly by Eq. 9 (``smoothing.geodesic``; the rung is chosen by Eq. 11
+    either way); ``weights``: f[T] or f[T, J], ≥ 0, how far each sample is trusted, 0 for missing
+    (``smoothing.outlier_weights``); γ binds samples of positive weight; ``length``: how many
     frames count, traced or not, when the rest is padding (any rotations; what comes out there means
     nothing), so that one compiled function serves clips of many lengths.
     **Returns:** :class:`MotionLayers`. Differentiable in the motion, ``lam_c`` and ``sigma_c``.
-    **Raises:** ``ValueError`` for an unknown scope or a γ outside (0, π).
+    **Raises:** ``ValueError`` for an unknown scope or method or a γ outside (0, π); at run time as
+    ``smoothing.lgs`` and ``smoothing.geodesic``.
     """
     if scope not in ("global", "per_joint"):
         raise ValueError(f"decompose: scope={scope!r}; expected 'global' or 'per_joint'")
     if not isinstance(gamma, jax.Array) and not 0 < float(gamma) < np.pi:
         raise ValueError(f"decompose: gamma={gamma}; expected an angle between 0 and π")
+    if method not in ("chordal", "geodesic"):
+        raise ValueError(f"decompose: method={method!r}; expected 'chordal' or 'geodesic'")
+    weights = counted_weights(motion, weights, length)
     gamma, lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (gamma, lam_c, sigma_c))
-    length = None if length is None else jnp.asarray(length)
-    return _decompose(motion, gamma, lam_c, sigma_c, scope, order, tune, length)
+    return _decompose(motion, weights, gamma, lam_c, sigma_c, scope, order, tune, method)
+
+
+def counted_weights(
+    motion: Motion, weights: ArrayLike | None, length: ScalarLike | None
+) -> Array | None:
+    """``weights``, 0 from frame ``length`` on; None where all count.
+
+    **Raises:** ``ValueError`` for weights that are neither f[T] nor f[T, J].
+    """
+    frames, joints = motion.num_frames, motion.num_joints
+    counts = None
+    if length is not None:
+        counts = (jnp.arange(frames) < jnp.asarray(length)).astype(motion.dtype)
+    if weights is None:
+        return counts
+    weights = jnp.asarray(weights, motion.dtype)
+    if weights.shape not in ((frames,), (frames, joints)):
+        raise ValueError(
+            f"weights have shape {weights.shape}; expected ({frames},) or ({frames}, {joints})"
+        )
+    if counts is None:
+        return weights
+    return weights * counts.reshape(-1, *[1] * (weights.ndim - 1))
 
 
 @eqx.filter_jit
 def _decompose(
     motion: Motion,
+    weights: Array | None,
     gamma: Array,
     lam_c: Array,
     sigma_c: Array,
     scope: Literal["global", "per_joint"],
     order: Literal[1, 2],
     criterion: Criterion | None,
-    length: Array | None,
+    method: Literal["chordal", "geodesic"],
 ) -> MotionLayers:
-    weights = None
-    if length is not None:
-        weights = (jnp.arange(motion.num_frames) < length).astype(motion.dtype)
     motion = motion.with_transforms(rotations=quaternion.align_signs(motion.rotations))
     rotations = jax.lax.stop_gradient(motion.rotations)
     rung, saturated = _climb(rotations, weights, gamma, scope, order)
     lam, sigma = _rung_parameters(rung, motion.dtype)
-    base = smooth_motion(motion, lam, sigma, order=order, weights=weights)
+    base = smooth_motion(motion, lam, sigma, order=order, weights=weights, method=method)
     whole = minus(motion, base)
     # One smoother for both: f[T, J, 2, 3], each joint's translation and rotation apart.
     both = jnp.stack([whole.translations, whole.rotations], axis=2)
@@ -116,7 +145,10 @@ def _decompose(
         lam_c = jnp.stack([moving.lam, turning.lam], axis=1)
         sigma_c = jnp.stack([moving.sigma, turning.sigma], axis=1)
     lam_c, sigma_c = (p.reshape(p.shape + (1,) * (3 - p.ndim)) for p in (lam_c, sigma_c))
-    smooth = lgs(both, lam_c, sigma_c, order=order, weights=weights).mean
+    of_both = weights
+    if weights is not None and weights.ndim > 1:
+        of_both = weights[:, :, None, None]
+    smooth = lgs(both, lam_c, sigma_c, order=order, weights=of_both).mean
     control = Displacement(smooth[:, :, 0], smooth[:, :, 1])
     left = quaternion.between(quaternion.exp(control.rotations), quaternion.exp(whole.rotations))
     residual = Displacement(whole.translations - control.translations, quaternion.log(left))
@@ -132,7 +164,7 @@ def _climb(rotations: Array, weights: Array | None, gamma: Array, scope: str, or
         base = smooth_quaternions(rotations, lam, sigma, order=order, weights=weights)
         angle = safe_norm(quaternion.log(quaternion.between(base, rotations)))
         if weights is not None:
-            angle = jnp.where(weights[:, None] > 0, angle, 0)
+            angle = jnp.where(weights.reshape(weights.shape[0], -1) > 0, angle, 0)
         length = jnp.max(angle, axis=0)
         return (length if scope == "per_joint" else jnp.max(length)[None]) > gamma
 
@@ -159,6 +191,8 @@ def _tuned(
     both: Array, criterion: Criterion, order: Literal[1, 2], weights: Array | None
 ) -> MotionTuning:
     groups = both.reshape(both.shape[0], -1, 3)
+    if weights is not None and weights.ndim > 1:
+        weights = jnp.repeat(weights, 2, axis=1)
     found = tune_signal(groups, criterion=criterion, order=order, weights=weights)
     moving, turning = (jax.tree.map(lambda x, k=k: x.reshape(-1, 2)[:, k], found) for k in (0, 1))
     return MotionTuning(turning, moving)

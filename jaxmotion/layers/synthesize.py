@@ -6,6 +6,7 @@ style that comes and goes. O(T·J), differentiable in everything.
 """
 
 from collections.abc import Mapping
+from typing import Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,9 +15,10 @@ from jaxtyping import Array, Float
 
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, plus
-from jaxmotion.layers.decompose import MotionLayers, decompose
+from jaxmotion.layers.decompose import MotionLayers, counted_weights, decompose
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
+from jaxmotion.smoothing import outlier_weights
 
 
 def synthesize(
@@ -57,6 +59,9 @@ def denoise(
     lam: ScalarLike | None = None,
     sigma: ScalarLike | None = None,
     strength: ArrayLike = 1.0,
+    method: Literal["chordal", "geodesic"] = "chordal",
+    robust: bool = False,
+    weights: ArrayLike | None = None,
     length: ScalarLike | None = None,
 ) -> Motion:
     """Remove the residual layer.
@@ -64,16 +69,21 @@ def denoise(
     **Arguments:** ``tune``: learn the control layer's parameters from the clip, per joint, by
     restricted evidence; False takes the paper's λ = σ = 1; ``lam``, ``sigma``: the parameters,
     scalars or f[J], which then are not learned (one left out is 1); ``strength``: the share of the
-    residual that is removed, 1 for all, 0 for none, a scalar, f[J] or f[T, J]; ``length``: as
-    :func:`decompose`.
+    residual that is removed, 1 for all, 0 for none, a scalar, f[J] or f[T, J]; ``robust``: find
+    spikes and other gross errors first and bridge them (``smoothing.outlier_weights``);
+    ``method``, ``weights``, ``length``: as :func:`decompose`.
     **Returns:** a motion of the same shape. Eom et al. 2019, §5.2 (α = 1) and §6.2.
     """
     learn = tune and lam is None and sigma is None
+    if robust:
+        weights = outlier_weights(motion, weights=counted_weights(motion, weights, length))
     layers = decompose(
         motion,
         lam_c=1.0 if lam is None else lam,
         sigma_c=1.0 if sigma is None else sigma,
         tune="evidence" if learn else None,
+        method=method,
+        weights=weights,
         length=length,
     )
     return synthesize(layers, 1.0, 1.0 - jnp.asarray(strength, motion.dtype))

@@ -1,5 +1,11 @@
-"""Linear algebra along time: banded systems and the chain behind the smoothers, all O(frames)."""
+"""Linear algebra along time: banded systems and the chain behind the smoothers, all O(frames).
 
+The least-squares solvers load on first use: lineax and optimistix take a third of a second.
+"""
+
+from typing import TYPE_CHECKING
+
+from jaxmotion._lazy import loader
 from jaxmotion.linalg.banded import (
     BandedFactor,
     banded_factor,
@@ -27,12 +33,21 @@ from jaxmotion.linalg.difference_chain import (
     chain_sample,
     chain_solve,
 )
-from jaxmotion.linalg.least_squares import BlockBandedCholesky, GaussNewton, LevenbergMarquardt
 from jaxmotion.linalg.parallel_chain import (
     parallel_chain_covariance,
     parallel_chain_factor,
     parallel_chain_solve,
 )
+
+if TYPE_CHECKING:
+    from jaxmotion.linalg.least_squares import (
+        BlockBandedCholesky,
+        GaussNewton,
+        LevenbergMarquardt,
+    )
+
+_SOLVERS = ("BlockBandedCholesky", "GaussNewton", "LevenbergMarquardt")
+__getattr__ = loader(__name__, dict.fromkeys(_SOLVERS, "least_squares"))
 
 __all__ = [
     "BandedFactor",

@@ -1,12 +1,25 @@
-"""Smoothers: signals and motions in, posteriors and smoothed motions out."""
+"""Smoothers: signals and motions in, posteriors and smoothed motions out.
 
-from jaxmotion.smoothing.geodesic import GeodesicPosterior, geodesic
+The geodesic ones load on first use: optimistix takes a third of a second to import.
+"""
+
+from typing import TYPE_CHECKING
+
+from jaxmotion._lazy import loader
 from jaxmotion.smoothing.keys import KeySuggestions, suggest_keys
 from jaxmotion.smoothing.lgs import Posterior, lgs
+from jaxmotion.smoothing.outliers import outlier_weights
 from jaxmotion.smoothing.rotations import smooth_motion, smooth_quaternions
 from jaxmotion.smoothing.streaming import StreamingSmoother, StreamState
 from jaxmotion.smoothing.tuning import MotionTuning, Tuning, tune
 from jaxmotion.smoothing.windowed import windowed_lgs
+
+if TYPE_CHECKING:
+    from jaxmotion.smoothing.geodesic_regression import GeodesicPosterior, geodesic
+
+__getattr__ = loader(
+    __name__, dict.fromkeys(("GeodesicPosterior", "geodesic"), "geodesic_regression")
+)
 
 __all__ = [
     "GeodesicPosterior",
@@ -18,6 +31,7 @@ __all__ = [
     "Tuning",
     "geodesic",
     "lgs",
+    "outlier_weights",
     "smooth_motion",
     "smooth_quaternions",
     "suggest_keys",

@@ -2,6 +2,7 @@
 
     chordal   x = lgs of the four components of sign-aligned quaternions, renormalised      Eq. 11
     rotvec    x = exp(lgs of log(q)): the exponential-map baseline; breaks where log wraps   Fig. 6
+    geodesic  the exact minimiser on the rotations (``geodesic``), a Gauss-Newton solve      Eq. 9
 
 Signs decide which way round a filter goes between two keys, so neighbours in time are first put in
 one hemisphere (``signs="nearest"``; frames of weight 0 take no part in it) or, for sparse keys and
@@ -26,6 +27,7 @@ from jaxmotion.motion import Motion
 from jaxmotion.smoothing.lgs import lgs
 from jaxmotion.smoothing.windowed import windowed_lgs
 
+Method: TypeAlias = Literal["chordal", "rotvec", "geodesic"]
 Signs: TypeAlias = Literal["nearest", "input", "min_energy"]
 
 
@@ -39,7 +41,7 @@ def smooth_quaternions(
     order: Literal[1, 2] = 2,
     weights: ArrayLike | None = None,
     scale: Literal["half", "unit"] = "half",
-    representation: Literal["chordal", "rotvec"] = "chordal",
+    method: Method = "chordal",
     signs: Signs = "nearest",
     window: int | None = None,
 ) -> Quaternion:
@@ -48,47 +50,41 @@ def smooth_quaternions(
     **Arguments:** ``q``: f[Nd, ..., 4], unit; ``lam``, ``sigma``: scalars, or broadcasting with
     q's middle axes (per joint), traced or not; ``index``, ``num_frames``, ``order``, ``scale``: as
     :func:`~jaxmotion.smoothing.lgs`; ``weights``: f[Nd] or f[Nd, ...] per joint, 0 for missing
-    data, whatever q holds there; ``signs``: "nearest" hemisphere along time, the "input"'s own, or
-    "min_energy" (:func:`~jaxmotion.quaternion.least_energy_signs`; give it no weights but an index,
-    which then must not repeat);
+    data, whatever q holds there; ``method``: see the module; ``signs``: "nearest" hemisphere along
+    time, the "input"'s own, or "min_energy" (:func:`~jaxmotion.quaternion.least_energy_signs`; give
+    it no weights but an index, which then must not repeat);
     ``window``: frames solved together, half of them shared with the next window and cross-faded
     (paper: 120; see :func:`~jaxmotion.smoothing.windowed_lgs`; no index); None for all at once.
     **Returns:** f[Nf, ..., 4], unit.
     **Raises:** ``ValueError`` for shapes and options that do not fit; as ``lgs`` at run time.
     """
-    if representation not in ("chordal", "rotvec"):
-        raise ValueError(
-            f"smooth_quaternions: representation={representation!r}; expected 'chordal' or 'rotvec'"
-        )
-    if signs not in ("nearest", "input", "min_energy"):
-        raise ValueError(
-            f"smooth_quaternions: signs={signs!r}; expected 'nearest', 'input' or 'min_energy'"
-        )
-    if signs == "min_energy" and weights is not None:
-        raise ValueError("smooth_quaternions: signs='min_energy' with weights; give an index")
+    _check_options(method, signs, weights, window)
     q = jnp.asarray(q)
     if q.ndim < 2 or q.shape[-1] != 4:
         raise ValueError(f"smooth_quaternions: q must have shape (T, ..., 4), got {q.shape}")
-    if weights is not None:
-        weights = _per_component(jnp.asarray(weights, q.dtype), q.ndim)
-        q = _filled(q, weights)
-    if signs != "input":
-        q = _signed_in_time(q, index, signs)
+    weights = None if weights is None else jnp.asarray(weights, q.dtype)
+    design = {"index": index, "num_frames": num_frames, "order": order, "scale": scale}
+    if method == "geodesic":
+        from jaxmotion.smoothing.geodesic_regression import geodesic  # optimistix imports slowly
+
+        joints = q.reshape(q.shape[0], -1, 4)
+        if weights is not None and weights.ndim > 1:
+            weights = jnp.broadcast_to(weights, q.shape[:-1]).reshape(joints.shape[:-1])
+        gains = (
+            p if np.ndim(p) == 0 else jnp.broadcast_to(jnp.asarray(p), q.shape[1:-1]).ravel()
+            for p in (lam, sigma)
+        )
+        x = geodesic(joints, *gains, weights=weights, **design).mean
+        return x.reshape(x.shape[0], *q.shape[1:])
     x = _mean(
-        q if representation == "chordal" else quaternion.log(q),
+        settled_components(q, weights, index, method, signs),
         _on_components(lam),
         _on_components(sigma),
         window,
-        index=index,
-        num_frames=num_frames,
-        order=order,
-        weights=_squeezed(weights),
-        scale=scale,
+        weights=None if weights is None else _squeezed(_per_component(weights, q)),
+        **design,
     )
-    if representation == "rotvec":
-        return quaternion.exp(x)
-    cancelled = safe_norm(x, keepdims=True) < 1e-6
-    return quaternion.normalize(jnp.where(cancelled, 0, x))
+    return _rotations(x, method)
 
 
 def smooth_motion(
@@ -101,7 +97,7 @@ def smooth_motion(
     order: Literal[1, 2] = 2,
     weights: ArrayLike | None = None,
     scale: Literal["half", "unit"] = "half",
-    representation: Literal["chordal", "rotvec"] = "chordal",
+    method: Method = "chordal",
     signs: Signs = "nearest",
     window: int | None = None,
 ) -> Motion:
@@ -113,39 +109,83 @@ def smooth_motion(
     **Returns:** a motion of ``num_frames`` frames and the same frame time.
     **Raises:** as :func:`smooth_quaternions`.
     """
+    _check_options(method, signs, weights, window)
     lam = _checked_gain("lam", lam, motion.num_joints)
     sigma = _checked_gain("sigma", sigma, motion.num_joints)
     weights = None if weights is None else jnp.asarray(weights, motion.dtype)
-    rotations = smooth_quaternions(
-        motion.rotations,
-        lam,
-        sigma,
-        index=index,
-        num_frames=num_frames,
-        order=order,
-        weights=weights,
-        scale=scale,
-        representation=representation,
-        signs=signs,
-        window=window,
-    )
+    design = {"index": index, "num_frames": num_frames, "order": order, "scale": scale}
     moved = np.asarray(motion.translated_joints, int)
+    y = motion.translations[:, moved]
+
+    def solve(y: Array, joints: np.ndarray) -> Array:
+        of_y = weights
+        if weights is not None and weights.ndim > 1:
+            of_y = weights[:, joints, None]
+        gains = _of_joints(lam, joints), _of_joints(sigma, joints)
+        return _mean(y, *gains, window, weights=of_y, **design)
+
+    if method == "geodesic":
+        rotations = smooth_quaternions(
+            motion.rotations,
+            lam,
+            sigma,
+            weights=weights,
+            method=method,
+            signs=signs,
+            window=window,
+            **design,
+        )
+        y = solve(y, moved) if moved.size else y
+    else:
+        # One solve for both: translations are given a spare component, and stand as more joints.
+        joints = motion.num_joints
+        x = settled_components(motion.rotations, weights, index, method, signs)
+        spare = jnp.zeros((*y.shape[:2], x.shape[-1] - 3), y.dtype)
+        y = jnp.concatenate([x, jnp.concatenate([y, spare], -1)], axis=1)
+        x = solve(y, np.concatenate([np.arange(joints), moved]))
+        rotations, y = _rotations(x[:, :joints], method), x[:, joints:, :3]
     shape = (rotations.shape[0], motion.num_joints, 3)
     translations = jnp.broadcast_to(motion.translations[:1], shape)
     if moved.size:
-        smooth = _mean(
-            motion.translations[:, moved],
-            _of_joints(lam, moved),
-            _of_joints(sigma, moved),
-            window,
-            index=index,
-            num_frames=num_frames,
-            order=order,
-            weights=weights if weights is None or weights.ndim == 1 else weights[:, moved, None],
-            scale=scale,
-        )
-        translations = translations.at[:, moved].set(smooth)
+        translations = translations.at[:, moved].set(y)
     return motion.with_transforms(translations, rotations)
+
+
+def _check_options(
+    method: Method, signs: Signs, weights: ArrayLike | None, window: int | None
+) -> None:
+    if method not in ("chordal", "rotvec", "geodesic"):
+        raise ValueError(f"method={method!r}; expected 'chordal', 'rotvec' or 'geodesic'")
+    if signs not in ("nearest", "input", "min_energy"):
+        raise ValueError(f"signs={signs!r}; expected 'nearest', 'input' or 'min_energy'")
+    if signs == "min_energy" and weights is not None:
+        raise ValueError("signs='min_energy' with weights; give an index")
+    if method == "geodesic" and (window is not None or signs == "min_energy"):
+        raise ValueError("method='geodesic' takes no window= and no signs='min_energy'")
+
+
+def settled_components(
+    q: Array,
+    weights: Array | None,
+    index: ArrayLike | None = None,
+    method: Method = "chordal",
+    signs: Signs = "nearest",
+) -> Array:
+    """What the linear smoother works on: quaternions with their signs settled, or their logs.
+    Samples of weight 0 take a neighbour's value."""
+    if weights is not None:
+        q = _filled(q, _per_component(weights, q))
+    if signs != "input":
+        q = _signed_in_time(q, index, signs)
+    return q if method == "chordal" else quaternion.log(q)
+
+
+def _rotations(x: Array, method: Method) -> Array:
+    """Back from smoothed components."""
+    if method == "rotvec":
+        return quaternion.exp(x)
+    cancelled = safe_norm(x, keepdims=True) < 1e-6
+    return quaternion.normalize(jnp.where(cancelled, 0, x))
 
 
 def _mean(
@@ -168,9 +208,9 @@ def _mean(
     return windowed_lgs(y, lam, sigma, window=window, **options)
 
 
-def _per_component(weights: Array, ndim: int) -> Array:
+def _per_component(weights: Array, q: Array) -> Array:
     """Weights (Nd,) or (Nd, ...) with unit axes up to q's rank."""
-    return weights.reshape(weights.shape + (1,) * (ndim - weights.ndim))
+    return weights.reshape(weights.shape + (1,) * (q.ndim - weights.ndim))
 
 
 def _squeezed(weights: Array | None) -> Array | None:

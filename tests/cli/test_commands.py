@@ -56,6 +56,23 @@ def test_strength_joints_and_range(jaxmotion, take, tmp_path, denoised):
     np.testing.assert_array_equal(got.translations[outside], jm.load(take).translations[outside])
 
 
+def test_denoise_options_reach_the_library(jaxmotion, take, tmp_path):
+    motion = jm.load(take)
+    out = tmp_path / "out.npz"
+    asked = {
+        ("--method", "geodesic"): {"method": "geodesic"},
+        ("--robust",): {"robust": True},
+        ("--paper",): {"tune": False},
+        ("--auto",): {},
+    }
+    for words, options in asked.items():
+        jaxmotion("denoise", take, "-o", out, "--overwrite", *words)
+        want = jm.denoise(motion, **options)
+        assert_same_rotation(jm.load(out).rotations, want.rotations, 1e-6)
+    result = jaxmotion("denoise", take, "-o", out, "--overwrite", "--auto", "--lam", "2", code=2)
+    assert "--auto learns" in result.output
+
+
 def test_a_pattern_without_joints_and_an_empty_range_fail(jaxmotion, take, tmp_path):
     words = ("denoise", take, "-o", tmp_path / "out.bvh", *PLAIN)
     assert "the joints are Hips" in jaxmotion(*words, "--joints", "Tail*", code=1).stderr

@@ -181,3 +181,40 @@ def test_inputs_are_untouched_and_mistakes_named():
         jm.decompose(motion, scope="body")
     with pytest.raises(ValueError, match="gamma"):
         jm.decompose(motion, gamma=4.0)
+
+
+def test_samples_of_no_weight_do_not_matter():
+    motion = swinging(40)
+    weights = np.ones((40, 3))
+    weights[5:8, 1] = weights[20, 2] = 0
+    rng = np.random.default_rng(9)
+    wild = unit(rng.standard_normal(motion.rotations.shape))
+    spoilt = motion.with_transforms(
+        rotations=jnp.where(weights[..., None] > 0, motion.rotations, wild)
+    )
+    a = jm.decompose(motion, weights=weights, tune="evidence")
+    b = jm.decompose(spoilt, weights=weights, tune="evidence")
+    np.testing.assert_allclose(a.lam, b.lam)
+    for x, y in zip(a.tuning.rotations.lam, b.tuning.rotations.lam, strict=True):
+        np.testing.assert_allclose(x, y, 1e-6)
+    clean, mended = (plus(layers.base, layers.control) for layers in (a, b))
+    assert_same_rotation(clean.rotations, mended.rotations, 1e-7)
+    shared = jm.decompose(motion, weights=weights[:, 0])
+    apart = jm.decompose(motion, weights=np.repeat(weights[:, :1], 3, 1))
+    assert_same_rotation(shared.base.rotations, apart.base.rotations, 1e-9)
+    with pytest.raises(ValueError, match=r"expected \(40,\) or \(40, 3\)"):
+        jm.decompose(motion, weights=weights[:30])
+
+
+def test_the_geodesic_base_is_the_exact_smoother_s_and_recomposes():
+    motion = swinging(40)
+    layers = jm.decompose(motion, method="geodesic")
+    chordal = jm.decompose(motion)
+    np.testing.assert_array_equal(layers.lam, chordal.lam)
+    want = jm.smoothing.geodesic(motion.rotations, layers.lam, layers.sigma).mean
+    assert_same_rotation(layers.base.rotations, want, 1e-9)
+    np.testing.assert_allclose(layers.base.translations, chordal.base.translations, atol=1e-12)
+    again = plus(plus(layers.base, layers.control), layers.residual)
+    assert_same_rotation(again.rotations, motion.rotations, 1e-10)
+    with no_shape_checks(), pytest.raises(ValueError, match="method='exact'"):
+        jm.decompose(motion, method="exact")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxmotion import quaternion
-from jaxmotion.smoothing import smooth_motion, smooth_quaternions
+from jaxmotion.smoothing import geodesic, smooth_motion, smooth_quaternions
 from tests.helpers import (
     assert_jit_and_vmap_agree,
     assert_same_rotation,
@@ -68,7 +68,7 @@ def test_rotation_vectors_break_where_they_wrap_and_quaternions_do_not():
     angle = np.linspace(0.6 * np.pi, 1.4 * np.pi, 60)
     q = quaternion.exp(jnp.asarray(angle[:, None] * np.array([0.0, 0.6, 0.8])))
     chordal = smooth_quaternions(q, 3.0, 1.0)
-    rotvec = smooth_quaternions(q, 3.0, 1.0, representation="rotvec")
+    rotvec = smooth_quaternions(q, 3.0, 1.0, method="rotvec")
     assert float(jnp.max(quaternion.distance(chordal, q))) < 0.02
     assert float(jnp.max(quaternion.distance(rotvec, q))) > 1.0
     vectors = scipy_rotation(q).as_rotvec()
@@ -188,11 +188,41 @@ def test_wrong_arguments_are_named():
     motion = random_motion(np.random.default_rng(9), 5, 4)
     with pytest.raises(ValueError, match="lam has shape"):
         smooth_motion(motion, np.ones(3), 1.0)
-    with no_shape_checks(), pytest.raises(ValueError, match="representation"):
-        smooth_quaternions(motion.rotations, 1.0, 1.0, representation="euler")
+    with no_shape_checks(), pytest.raises(ValueError, match="method"):
+        smooth_quaternions(motion.rotations, 1.0, 1.0, method="euler")
     with no_shape_checks(), pytest.raises(ValueError, match="signs"):
         smooth_quaternions(motion.rotations, 1.0, 1.0, signs="any")
     with pytest.raises(ValueError, match="give an index"):
         smooth_motion(motion, 1.0, 1.0, signs="min_energy", weights=np.ones(motion.num_frames))
     with no_shape_checks(), pytest.raises(ValueError, match=r"\(T, \.\.\., 4\)"):
         smooth_quaternions(motion.translations, 1.0, 1.0)
+
+
+def test_a_motion_is_its_rotations_and_its_translations_smoothed_apart():
+    rng = np.random.default_rng(11)
+    motion = random_motion(rng, 12, 3)
+    motion = motion.with_transforms(rotations=jnp.asarray(wandering(rng, 12)[1]))
+    lam, w = np.array([2.0, 5.0, 9.0]), rng.uniform(0.5, 2, (12, 3))
+    for weights in (None, w[:, 0], w):
+        got = smooth_motion(motion, lam, 1.0, weights=weights)
+        for j in range(3):
+            of_joint = weights if weights is None or weights.ndim == 1 else weights[:, j]
+            q = np.asarray(quaternion.align_signs(motion.rotations))[:, j]
+            assert_same_rotation(got.rotations[:, j], unit(dense_smooth(q, lam[j], of_joint)))
+            want = dense_smooth(np.asarray(motion.translations)[:, j], lam[j], of_joint)
+            np.testing.assert_allclose(got.translations[:, j], want, atol=1e-10)
+
+
+def test_the_geodesic_method_is_geodesic():
+    rng = np.random.default_rng(12)
+    _, q = wandering(rng, 15)
+    lam, w = np.array([2.0, 5.0, 9.0]), rng.uniform(0.5, 2, (15, 3))
+    got = smooth_quaternions(q, lam, 1.0, weights=w, method="geodesic")
+    np.testing.assert_array_equal(got, geodesic(q, lam, 1.0, weights=w).mean)
+    motion = random_motion(rng, 15, 3).with_transforms(rotations=jnp.asarray(q))
+    whole = smooth_motion(motion, lam, 1.0, weights=w, method="geodesic")
+    np.testing.assert_allclose(whole.rotations, got, atol=1e-12)
+    linear = smooth_motion(motion, lam, 1.0, weights=w)
+    np.testing.assert_allclose(whole.translations, linear.translations, atol=1e-12)
+    with pytest.raises(ValueError, match="takes no window"):
+        smooth_quaternions(q, 2.0, 1.0, method="geodesic", window=8)

@@ -9,8 +9,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from jaxmotion import io, quaternion
-from jaxmotion.smoothing import lgs, smooth_quaternions
-from jaxmotion.smoothing.geodesic import geodesic
+from jaxmotion.smoothing import geodesic, lgs, smooth_quaternions
 
 LAM, SIGMA = 2.0, 0.3
 
