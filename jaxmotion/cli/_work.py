@@ -80,8 +80,6 @@ def told(caught: list[warnings.WarningMessage], *paths: Path) -> list[str]:
 
 def edit_file(editing: Editing, job: Job) -> "Difference | None":
     """Read the job's source, edit it and write its target."""
-    import numpy as np
-
     from jaxmotion import metrics
 
     motion = read(job.source, editing.fps)
@@ -89,14 +87,21 @@ def edit_file(editing: Editing, job: Job) -> "Difference | None":
     edited = editing.edit(padded, length)
     if not editing.selection.everything:
         edited = confined(padded, edited, length, editing.selection)
-    edited = unpadded(edited, length)
-    for part in (edited.rotations, edited.translations):
+    edited = finite(unpadded(edited, length))
+    write(edited, job.target, overwrite=editing.overwrite)
+    return metrics.difference(motion, edited, world=editing.measured)
+
+
+def finite(motion: "Motion") -> "Motion":
+    """The motion, if no number in it is NaN or infinite; else ``ValueError``."""
+    import numpy as np
+
+    for part in (np.asarray(motion.rotations), np.asarray(motion.translations)):
         if not np.isfinite(part).all():
             frame, joint = np.argwhere(~np.isfinite(part))[0][:2]
             name = motion.skeleton.names[joint]
             raise ValueError(f"the result is not finite, first at frame {frame}, joint {name!r}")
-    write(edited, job.target, overwrite=editing.overwrite)
-    return metrics.difference(motion, edited, world=editing.measured)
+    return motion
 
 
 def read(path: Path, fps: float | None) -> "Motion":

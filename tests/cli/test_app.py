@@ -10,7 +10,9 @@ import pytest
 
 from jaxmotion.cli import _app
 
-COMMANDS = ("check", "convert", "demo", "denoise", "info", "layers", "style")
+COMMANDS = (
+    "align", "check", "contacts", "convert", "demo", "denoise", "info", "layers", "retime", "style"
+)  # fmt: skip
 
 
 def python(code, *argv):

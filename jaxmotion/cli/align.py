@@ -1,0 +1,203 @@
+"""``jaxmotion align``: give one clip the timing of another."""
+
+import itertools
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jaxmotion import __version__
+from jaxmotion.cli._options import Running, fps_option, running_options
+
+if TYPE_CHECKING:
+    from jaxmotion.timing import Alignment
+
+_PLOTS = (".png", ".svg", ".pdf")
+_PATTERNS = ("symmetric", "symmetric2", "asymmetric", "slope1", "slope2", "slope3")
+
+
+def _plot_suffix(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
+    if value is not None and value.suffix.lower() not in _PLOTS:
+        raise click.BadParameter(f"{value.name!r} ends neither in .png nor in .svg nor in .pdf")
+    return value
+
+
+def _file(**options: Any) -> Any:
+    return click.Path(dir_okay=False, path_type=Path, **options)
+
+
+@click.command(short_help="Give a clip the timing of another.")
+@click.argument("source", type=_file(exists=True))
+@click.argument("reference", type=_file(exists=True))
+@click.option("-o", "--out", type=_file(), required=True, help="SOURCE in REFERENCE's timing.")
+@click.option(
+    "--method",
+    type=click.Choice(["dtw", "warping"]),
+    default="dtw",
+    show_default=True,
+    help="Pair the likest poses, or bend one clip onto the other (the same action in another "
+    "posture).",
+)
+@click.option(
+    "--steps",
+    type=click.Choice(_PATTERNS),
+    default="symmetric",
+    show_default=True,
+    help="How unevenly time may run (dtw): slope3 holds a clip for at most 3 frames.",
+)
+@click.option(
+    "--settle",
+    type=click.FloatRange(min=0),
+    default=2.0,
+    show_default=True,
+    help="Frames over which the new timing is smoothed.",
+)
+@click.option("--path", type=_file(), help="Write the pairs of frames to this .json file.")
+@click.option(
+    "--plot",
+    type=_file(),
+    callback=_plot_suffix,
+    help="Draw the pairs of frames into this .png, .svg or .pdf file.",
+)
+@fps_option
+@click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop.")
+@running_options
+def command(
+    source: Path,
+    reference: Path,
+    out: Path,
+    method: str,
+    steps: str,
+    settle: float,
+    path: Path | None,
+    plot: Path | None,
+    fps: float | None,
+    overwrite: bool,
+    dry_run: bool,
+    running: Running,
+) -> None:
+    """Give SOURCE the timing of REFERENCE: what happens in both happens at the same time.
+
+    Joints are matched by name and compared by their rotations; the root, which says where a clip is
+    and which way it faces, is not compared.
+
+    \b
+    jaxmotion align walk.bvh limp.bvh -o walk-in-time.bvh --path path.json --plot path.png
+    """
+    from jaxmotion.cli import _files, _session
+
+    if out.suffix.lower() not in _files.SUFFIXES:
+        raise click.UsageError(f"-o {out.name}: expected a {', '.join(_files.SUFFIXES)} file")
+    targets = [file for file in (out, path, plot) if file is not None]
+    _check_targets(targets, {source.resolve(), reference.resolve()}, overwrite=overwrite)
+    if dry_run:
+        for file in targets:
+            click.echo(click.format_filename(file))
+        return
+    if plot is not None:
+        _require_matplotlib()
+    _session.start(cache=running.cache, little=_session.is_little([source, reference]))
+    found = _align(source, reference, fps, method=method, step_pattern=steps, settle=settle)
+    _write_motion(found, out, overwrite=overwrite)
+    if path is not None:
+        _write_path(found, path, source, reference, method, overwrite=overwrite)
+    if plot is not None:
+        _write_plot(found, plot, source, reference, overwrite=overwrite)
+    click.echo(f"{click.format_filename(out)}: {_summary(found)}", err=True)
+
+
+def _check_targets(targets: list[Path], sources: set[Path], *, overwrite: bool) -> None:
+    for file in targets:
+        if file.resolve() in sources:
+            name = click.format_filename(file)
+            raise click.UsageError(f"{name} would be written over an input; give another name")
+        if file.exists() and not overwrite:
+            raise click.ClickException(f"{click.format_filename(file)} exists; add --overwrite")
+    if len({file.resolve() for file in targets}) < len(targets):
+        raise click.UsageError("-o, --path and --plot name the same file")
+
+
+def _require_matplotlib() -> None:
+    from importlib.util import find_spec
+
+    if find_spec("matplotlib") is None:
+        raise click.ClickException("--plot needs Matplotlib: pip install 'jaxmotion[viz]'")
+
+
+def _align(source: Path, reference: Path, fps: float | None, **options: Any) -> "Alignment":
+    """Read both clips, tell of repairs, and align them."""
+    import warnings
+
+    from jaxmotion.cli._work import finite, read, told
+    from jaxmotion.timing import align
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        clips = [read(file, fps) for file in (source, reference)]
+    for text in told(caught):
+        click.echo(f"warning: {text}", err=True)
+    found = align(*clips, **options)
+    finite(found.motion)
+    return found
+
+
+def _write_motion(found: "Alignment", out: Path, *, overwrite: bool) -> None:
+    from jaxmotion.cli._work import write
+
+    write(found.motion, out, overwrite=overwrite)
+
+
+def _write_path(
+    found: "Alignment", path: Path, source: Path, reference: Path, method: str, *, overwrite: bool
+) -> None:
+    from jaxmotion.io.atomic import atomic_write
+
+    facts = {
+        "jaxmotion": __version__,
+        "source": str(source),
+        "reference": str(reference),
+        "method": method,
+        "rms_degrees": _degrees(found),
+        "pairs": _pairs(found),
+        "source_frame": [round(float(at), 6) for at in found.source_frame],
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path, overwrite=overwrite) as file:
+        file.write((json.dumps(facts) + "\n").encode("utf-8", "backslashreplace"))
+
+
+def _write_plot(
+    found: "Alignment", plot: Path, source: Path, reference: Path, *, overwrite: bool
+) -> None:
+    from jaxmotion.io.atomic import atomic_write
+    from jaxmotion.viz import plot_alignment
+
+    figure = plot_alignment(found, source=source.name, reference=reference.name)
+    plot.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(plot, overwrite=overwrite) as file:
+        figure.savefig(file, format=plot.suffix[1:].lower(), dpi=150)
+
+
+def _pairs(found: "Alignment") -> list[list[int]]:
+    """The path in order, each pair once."""
+    path = [[int(i), int(j)] for i, j in found.path[: int(found.length)].tolist()]
+    return [pair for k, pair in enumerate(path) if k == 0 or pair != path[k - 1]]
+
+
+def _degrees(found: "Alignment") -> float:
+    import math
+
+    return math.degrees(float(found.distance))
+
+
+def _summary(found: "Alignment") -> str:
+    pairs = _pairs(found)
+    held, skipped = (
+        sum(b[axis] == a[axis] for a, b in itertools.pairwise(pairs)) for axis in (0, 1)
+    )
+    return (
+        f"{pairs[-1][0] + 1} frames in the time of {pairs[-1][1] + 1}, held {held} times, hurried "
+        f"{skipped} times; joints differ by {_degrees(found):.3g}° (rms)"
+    )

@@ -1,0 +1,140 @@
+"""``jaxmotion retime``: another frame rate, another timing."""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jaxmotion.cli._files import Job
+from jaxmotion.cli._options import Batch, Running, batch_options, running_options
+
+if TYPE_CHECKING:
+    from jaxmotion import Motion
+
+_POSITIVE = click.FloatRange(min=0, min_open=True)
+_SECONDS = click.FloatRange(min=0)
+
+
+class When(click.ParamType):
+    """``1.5=2.0``: a time in the input and its time in the output."""
+
+    name = "BEFORE=AFTER"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The pair of seconds."""
+        if isinstance(value, tuple):
+            return value
+        before, _, after = str(value).partition("=")
+        try:
+            return float(before), float(after)
+        except ValueError:
+            self.fail(f"{value!r} is not of the form '1.5=2.0', seconds", param, ctx)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What was asked for: ``warp`` are options of ``time_warp``, ``rate`` of ``resample``; empty
+    where nothing was."""
+
+    warp: dict[str, Any]
+    keep_duration: bool
+    rate: dict[str, Any]
+
+
+@click.command(short_help="Change the frame rate or the timing.")
+@batch_options
+@click.option("--to-fps", type=_POSITIVE, help="Frame rate of the outputs, such as 24 or 23.976.")
+@click.option("--frames", type=click.IntRange(1), help="Number of frames, over the same duration.")
+@click.option(
+    "--slow",
+    type=_SECONDS,
+    help="Slow down where much happens: 0.25 makes a clip a quarter longer.",
+)
+@click.option(
+    "--at",
+    "pairs",
+    type=When(),
+    multiple=True,
+    help="What happens at BEFORE seconds is to happen at AFTER; may be repeated.",
+)
+@click.option("--ease-in", type=_SECONDS, default=0.0, help="Seconds to leave rest at the start.")
+@click.option("--ease-out", type=_SECONDS, default=0.0, help="Seconds to come to rest at the end.")
+@click.option("--keep-duration", is_flag=True, help="Fit the new timing into the old duration.")
+@click.option(
+    "--method",
+    type=click.Choice(["lgs", "cubic", "slerp"]),
+    default="lgs",
+    show_default=True,
+    help="How poses between frames are found: smoothest, local cubic, or constant speed.",
+)
+@running_options
+def command(
+    batch: Batch,
+    running: Running,
+    to_fps: float | None,
+    frames: int | None,
+    slow: float | None,
+    pairs: tuple[tuple[float, float], ...],
+    ease_in: float,
+    ease_out: float,
+    keep_duration: bool,
+    method: str,
+) -> None:
+    """Change the frame rate, or when things happen; both if both are asked for.
+
+    The first pose stays the first. --to-fps keeps all frames that the duration holds, so the last
+    pose may fall between two frames; --frames keeps it. Feet that slide are left alone.
+
+    \b
+    jaxmotion retime take.bvh -o film.bvh --to-fps 24
+    jaxmotion retime takes -o slow --slow 0.25 --ease-out 0.5
+    jaxmotion retime kick.bvh -o hit.bvh --at 0.8=1.0 --at 1.1=2.5
+    """
+    from jaxmotion.cli import _files
+    from jaxmotion.cli._batch import run
+
+    if to_fps is not None and frames is not None:
+        raise click.UsageError("--to-fps and --frames both set the rate; give one of them")
+    if slow is not None and pairs:
+        raise click.UsageError("--slow and --at both set the timing; give one of them")
+    warp, rate = {}, {}
+    if slow is not None or pairs or ease_in or ease_out:
+        ease = (ease_in, ease_out)
+        warp = {"amount": slow, "pairs": pairs or None, "ease": ease, "method": method}
+    elif keep_duration:
+        raise click.UsageError("--keep-duration goes with --slow, --at, --ease-in or --ease-out")
+    if to_fps is not None or frames is not None:
+        rate = {"fps": to_fps, "num_frames": frames, "method": method}
+    if not warp and not rate:
+        raise click.UsageError("say what: --to-fps 24, --frames 300, --slow 0.25 or --at 1=1.5")
+    timing = Timing(warp, keep_duration, rate)
+    jobs = _files.plan(_files.expand(batch.files, avoid=batch.out), batch.out)
+    run(partial(_retime, batch.fps, batch.overwrite, timing), jobs, batch, running)
+
+
+def _retime(fps: float | None, overwrite: bool, timing: Timing, job: Job) -> str:
+    from jaxmotion.cli._work import finite, read, write
+
+    before = read(job.source, fps)
+    after = finite(edit(before, timing))
+    write(after, job.target, overwrite=overwrite)
+    return f"{_length(before)} to {_length(after)}"
+
+
+def edit(motion: "Motion", timing: Timing) -> "Motion":
+    """The library's time warp, then its resampling, as far as they are asked for."""
+    import jaxmotion as jm
+
+    if timing.warp:
+        frames = motion.num_frames if timing.keep_duration else None
+        motion = jm.time_warp(motion, num_frames=frames, **timing.warp)
+    if timing.rate:
+        motion = jm.resample(motion, **timing.rate)
+    return motion
+
+
+def _length(motion: "Motion") -> str:
+    seconds = (motion.num_frames - 1) * float(motion.frame_time)
+    rate = 1 / float(motion.frame_time)
+    return f"{motion.num_frames} frames ({seconds:.4g} s at {rate:.5g} a second)"

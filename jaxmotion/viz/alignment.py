@@ -1,0 +1,35 @@
+"""How two clips were aligned: their pairs of frames, and the times that were read."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxmotion.timing import Alignment
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def plot_alignment(
+    alignment: Alignment, *, source: str = "source", reference: str = "reference"
+) -> "Figure":
+    """Draw the path of an alignment and the source time read for each frame of the reference.
+
+    **Arguments:** ``source``, ``reference``: what to call the clips.
+    **Returns:** a Matplotlib figure of its own (``figure.savefig("path.png")``), outside pyplot.
+    **Raises:** ``ImportError`` without Matplotlib.
+    """
+    from matplotlib.figure import Figure
+
+    path = np.asarray(alignment.path)[: int(alignment.length)]
+    times = np.asarray(alignment.source_frame)
+    figure = Figure(figsize=(6.0, 5.0), layout="constrained")
+    axes = figure.add_subplot()
+    axes.plot(path[:, 1], path[:, 0], ".", color="0.6", markersize=3, label="pairs of frames")
+    axes.plot(np.arange(len(times)), times, color="C0", label="time that is read")
+    axes.set_xlabel(f"frame of {reference}")
+    axes.set_ylabel(f"frame of {source}")
+    angle = np.degrees(float(alignment.distance))
+    axes.set_title(f"joints differ by {angle:.3g}° (rms)", fontsize="medium")
+    axes.legend(loc="upper left", frameon=False)
+    return figure
