@@ -137,6 +137,7 @@ def lgs(
     num_frames: int | None = None,
     order: int = 2,
     weights: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
     scale: str = "half",
     parallel: bool = False,
 ) -> Posterior:
@@ -152,11 +153,14 @@ def lgs(
     scale: "half" or "unit" rows of L (order 2 only).
     weights: ``(Nd,)`` or ``(Nd, *k)``, >= 0, dividing the noise variance; 0 is missing, whatever y
         holds there.
+    stiffness: ``(Nf,)`` or ``(Nf, *k)``, > 0: lam of each frame is lam times this, so that the
+        prior may be firm here and yield there. Order 2: of the second difference centred on the
+        frame (the ends have none); order 1: of the step into the frame (frame 0 has none).
     parallel: find mean, variance, lag-one covariance and leverage in O(log Nf) steps one after
         another, with more work: for a GPU or TPU (``linalg.parallel_chain``); same answers.
         Evidence and samples are sequential either way.
 
-    Differentiable in y, lam, sigma, weights and a fractional index, in both modes.
+    Differentiable in y, lam, sigma, weights, stiffness and a fractional index, in both modes.
     Raises ValueError on wrong shapes and on values known to Python to be wrong; values inside JAX
     arrays raise when computed (``equinox.error_if``): lam, sigma not positive, index outside the
     frames, data at fewer than two distinct frames (one for order 1), NaN in y at positive weight.
@@ -168,11 +172,13 @@ def lgs(
     if scale not in ("half", "unit"):
         raise ValueError(f"scale={scale!r}: want 'half' or 'unit'")
     shared = np.ndim(lam) == 0 and np.ndim(sigma) == 0
-    shared = shared and (weights is None or np.ndim(weights) == 1)
+    shared = shared and all(x is None or np.ndim(x) == 1 for x in (weights, stiffness))
     lam = _checked_parameter("lam", lam, channels, y.dtype)
     sigma = _checked_parameter("sigma", sigma, channels, y.dtype)
     seen, faults = observe(index, num_frames, weights, y.shape, y.dtype, null_space=order)
-    return _lgs(y, lam, sigma, seen, faults, order, scale, shared, parallel)
+    if stiffness is not None:
+        stiffness = _checked_stiffness(stiffness, seen.num_frames, channels, y.dtype)
+    return _lgs(y, lam, sigma, stiffness, seen, faults, order, scale, shared, parallel)
 
 
 @eqx.filter_jit
@@ -180,6 +186,7 @@ def _lgs(
     y: Array,
     lam: Array,
     sigma: Array,
+    stiffness: Array | None,
     seen: Observations,
     faults: list[Fault],
     order: int,
@@ -187,13 +194,15 @@ def _lgs(
     shared: bool,
     parallel: bool,
 ) -> Posterior:
-    for name, value in (("lam", lam), ("sigma", sigma)):
-        bad = ~jnp.all((value > 0) & jnp.isfinite(value))
-        faults = [*faults, (bad, f"{name} must be positive")]
+    for name, value in (("lam", lam), ("sigma", sigma), ("stiffness", stiffness)):
+        if value is not None:
+            bad = ~jnp.all((value > 0) & jnp.isfinite(value))
+            faults = [*faults, (bad, f"{name} must be positive")]
     if seen.weights is not None:
         y = jnp.where(seen.weights > 0, y, 0)
     # Everything is multiplied by sigma^2: plain data are then their own right-hand side.
-    curvature, speed = _penalties(lam, sigma, seen.num_frames, order, scale)
+    lam_of_frames = lam if stiffness is None else lam * stiffness
+    curvature, speed = _penalties(lam_of_frames, sigma, seen.num_frames, order, scale)
     n0, n1, n2 = seen.information(y.dtype, y.ndim - 1)
     chain = DifferenceChain(curvature, n0, n1, n2 + speed)
     solve = parallel_chain_solve if parallel else chain_solve
@@ -213,7 +222,7 @@ def _penalties(
     lam: Array, sigma: Array, frames: int, order: int, scale: str
 ) -> tuple[Array, Array]:
     """``sigma^2 Q`` as penalties on each change of velocity and on each velocity, ``(Nf, *k)``."""
-    rows = np.zeros((frames, *[1] * lam.ndim))
+    rows = np.zeros((frames, *[1] * sigma.ndim))
     none = jnp.zeros(rows.shape, lam.dtype)
     if order == 2:
         rows[1:-1] = 1.0 if scale == "unit" else 0.25
@@ -278,6 +287,25 @@ def _checked_data(y: ArrayLike) -> Array:
     if y.ndim == 0:
         raise ValueError("y is a scalar: want (frames, *channels)")
     return y
+
+
+def _checked_stiffness(
+    value: ArrayLike, frames: int, channels: tuple[int, ...], dtype: jnp.dtype
+) -> Array:
+    """``value`` as an array with an axis for the frames and one for each channel axis."""
+    value = jnp.asarray(value, dtype)
+    shape = value.shape
+    if value.ndim == 1:
+        value = value.reshape(-1, *[1] * len(channels))
+    fits = value.ndim == 1 + len(channels) and all(
+        s in (1, c) for s, c in zip(value.shape[1:], channels, strict=True)
+    )
+    if not fits or value.shape[0] != frames:
+        raise ValueError(
+            f"stiffness has shape {shape}: want ({frames},), or also axes that broadcast to the "
+            f"channels of y, {channels}"
+        )
+    return value
 
 
 def _checked_parameter(

@@ -40,6 +40,7 @@ def smooth_quaternions(
     num_frames: int | None = None,
     order: Literal[1, 2] = 2,
     weights: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
     scale: Literal["half", "unit"] = "half",
     method: Method = "chordal",
     signs: Signs = "nearest",
@@ -50,7 +51,8 @@ def smooth_quaternions(
     **Arguments:** ``q``: f[Nd, ..., 4], unit; ``lam``, ``sigma``: scalars, or broadcasting with
     q's middle axes (per joint), traced or not; ``index``, ``num_frames``, ``order``, ``scale``: as
     :func:`~jaxmotion.smoothing.lgs`; ``weights``: f[Nd] or f[Nd, ...] per joint, 0 for missing
-    data, whatever q holds there; ``method``: see the module; ``signs``: "nearest" hemisphere along
+    data, whatever q holds there; ``stiffness``: f[Nf] or f[Nf, ...] per joint, what λ is
+    multiplied by at every frame; ``method``: see the module; ``signs``: "nearest" hemisphere along
     time, the "input"'s own, or "min_energy" (:func:`~jaxmotion.quaternion.least_energy_signs`; give
     it no weights but an index, which then must not repeat);
     ``window``: frames solved together, half of them shared with the next window and cross-faded
@@ -58,7 +60,7 @@ def smooth_quaternions(
     **Returns:** f[Nf, ..., 4], unit.
     **Raises:** ``ValueError`` for shapes and options that do not fit; as ``lgs`` at run time.
     """
-    _check_options(method, signs, weights, window)
+    _check_options(method, signs, weights, stiffness, window)
     q = jnp.asarray(q)
     if q.ndim < 2 or q.shape[-1] != 4:
         raise ValueError(f"smooth_quaternions: q must have shape (T, ..., 4), got {q.shape}")
@@ -82,6 +84,7 @@ def smooth_quaternions(
         _on_components(sigma),
         window,
         weights=None if weights is None else _squeezed(_per_component(weights, q)),
+        stiffness=None if stiffness is None else _per_component(jnp.asarray(stiffness, q.dtype), q),
         **design,
     )
     return _rotations(x, method)
@@ -96,6 +99,7 @@ def smooth_motion(
     num_frames: int | None = None,
     order: Literal[1, 2] = 2,
     weights: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
     scale: Literal["half", "unit"] = "half",
     method: Method = "chordal",
     signs: Signs = "nearest",
@@ -105,24 +109,27 @@ def smooth_motion(
 
     **Arguments:** ``lam``, ``sigma``: scalars or f[J], traced or not (σ is in radians for chordal
     components' half angles and in length units for translations; only λσ matters to the mean);
-    ``weights``: f[T] or f[T, J], 0 for missing; others as :func:`smooth_quaternions`.
+    ``weights``: f[T] or f[T, J], 0 for missing; ``stiffness``: f[Nf] or f[Nf, J]; others as
+    :func:`smooth_quaternions`.
     **Returns:** a motion of ``num_frames`` frames and the same frame time.
     **Raises:** as :func:`smooth_quaternions`.
     """
-    _check_options(method, signs, weights, window)
+    _check_options(method, signs, weights, stiffness, window)
     lam = _checked_gain("lam", lam, motion.num_joints)
     sigma = _checked_gain("sigma", sigma, motion.num_joints)
-    weights = None if weights is None else jnp.asarray(weights, motion.dtype)
+    weights, stiffness = (
+        None if x is None else jnp.asarray(x, motion.dtype) for x in (weights, stiffness)
+    )
     design = {"index": index, "num_frames": num_frames, "order": order, "scale": scale}
     moved = np.asarray(motion.translated_joints, int)
     y = motion.translations[:, moved]
 
     def solve(y: Array, joints: np.ndarray) -> Array:
-        of_y = weights
-        if weights is not None and weights.ndim > 1:
-            of_y = weights[:, joints, None]
+        of_y, firm = (
+            x if x is None or x.ndim == 1 else x[:, joints, None] for x in (weights, stiffness)
+        )
         gains = _of_joints(lam, joints), _of_joints(sigma, joints)
-        return _mean(y, *gains, window, weights=of_y, **design)
+        return _mean(y, *gains, window, weights=of_y, stiffness=firm, **design)
 
     if method == "geodesic":
         rotations = smooth_quaternions(
@@ -152,7 +159,11 @@ def smooth_motion(
 
 
 def _check_options(
-    method: Method, signs: Signs, weights: ArrayLike | None, window: int | None
+    method: Method,
+    signs: Signs,
+    weights: ArrayLike | None,
+    stiffness: ArrayLike | None,
+    window: int | None,
 ) -> None:
     if method not in ("chordal", "rotvec", "geodesic"):
         raise ValueError(f"method={method!r}; expected 'chordal', 'rotvec' or 'geodesic'")
@@ -160,6 +171,8 @@ def _check_options(
         raise ValueError(f"signs={signs!r}; expected 'nearest', 'input' or 'min_energy'")
     if signs == "min_energy" and weights is not None:
         raise ValueError("signs='min_energy' with weights; give an index")
+    if stiffness is not None and (method == "geodesic" or window is not None):
+        raise ValueError("stiffness= is for method='chordal' or 'rotvec' without window=")
     if method == "geodesic" and (window is not None or signs == "min_energy"):
         raise ValueError("method='geodesic' takes no window= and no signs='min_energy'")
 
@@ -196,10 +209,12 @@ def _mean(
     *,
     index: ArrayLike | None,
     num_frames: int | None,
+    stiffness: Array | None,
     **options,
 ) -> Array:
     if window is None:
-        return lgs(y, lam, sigma, index=index, num_frames=num_frames, **options).mean
+        options |= {"index": index, "num_frames": num_frames, "stiffness": stiffness}
+        return lgs(y, lam, sigma, **options).mean
     if index is not None or num_frames not in (None, y.shape[0]):
         raise ValueError(
             f"window={window}: windows do not resample; expected no index and num_frames None, "

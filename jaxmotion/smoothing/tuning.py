@@ -14,7 +14,8 @@ m the dimension of the prior's null space (2 or 1), n = N − m, H the smoother'
 F is scanned on a grid of s, and the best cell is bisected on the sign of dF/ds, exact by forward
 mode (one derivative serves all groups, as each depends on its own s only). O(N) an evaluation, 19
 values and 8 derivatives. The result is a constant: no gradient passes through ``tune`` (to tune
-by a loss of your own, differentiate the smoother with respect to λ and σ).
+by a loss of your own, differentiate the smoother with respect to λ and σ, and by frame to its
+``stiffness`` and ``weights``).
 
 Craven & Wahba 1979 (GCV); Patterson & Thompson 1971 (restricted likelihood); Eom et al. 2019, §6.2
 names the choice of λ as future work.

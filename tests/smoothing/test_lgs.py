@@ -7,6 +7,7 @@ import pytest
 from jax.test_util import check_grads
 
 from jaxmotion.smoothing import lgs
+from tests.helpers import check_gradients
 
 RNG = np.random.default_rng(0)
 CASES = {
@@ -354,3 +355,40 @@ def test_bad_traced_input(arguments, message):
 
     with pytest.raises(Exception, match=message):
         smooth(**traced).block_until_ready()
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_stiffness_of_every_frame_is_a_dense_solve_and_an_evidence(order):
+    """lam may differ by frame: against the normal equations and the density of the contrasts."""
+    rng = np.random.default_rng(5)
+    frames, lam, sigma = 9, 1.7, 0.6
+    y = rng.standard_normal((frames, 2))
+    firm = rng.uniform(0.3, 3, (frames, 2))
+    got = lgs(y, lam, sigma, order=order, stiffness=firm, scale="unit" if order == 2 else "half")
+    rows = np.diff(np.eye(frames), n=order, axis=0)
+    for c in range(2):
+        if order == 2:
+            precision = (lam * firm[1:-1, c]) ** 2
+        else:
+            precision = lam * firm[1:, c] * np.r_[1, np.full(frames - 3, 2), 1]
+        q = rows.T @ np.diag(precision) @ rows
+        p = q + np.eye(frames) / sigma**2
+        mean = np.linalg.solve(p, y[:, c] / sigma**2)
+        np.testing.assert_allclose(got.mean[:, c], mean, atol=1e-10)
+        np.testing.assert_allclose(got.variance[:, c], np.diag(np.linalg.inv(p)), rtol=1e-9)
+        energy = np.sum((y[:, c] - mean) ** 2) / sigma**2 + mean @ q @ mean
+        null = order
+        log_evidence = -0.5 * (
+            (frames - null) * np.log(2 * np.pi)
+            + frames * np.log(sigma**2)
+            - np.sum(np.log(precision))
+            + np.linalg.slogdet(p)[1]
+            + energy
+        )
+        np.testing.assert_allclose(got.log_evidence[c], log_evidence, rtol=1e-9)
+    check_gradients(lambda s: lgs(y, lam, sigma, order=order, stiffness=s).mean, firm)
+    shared = lgs(y, lam, sigma, order=order, stiffness=firm[:, 0])
+    both = lgs(y, lam, sigma, order=order, stiffness=np.repeat(firm[:, :1], 2, 1))
+    np.testing.assert_allclose(shared.mean, both.mean, atol=1e-12)
+    with pytest.raises(ValueError, match="stiffness has shape"):
+        lgs(y, lam, sigma, order=order, stiffness=firm[:5])

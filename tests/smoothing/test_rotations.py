@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxmotion import quaternion
-from jaxmotion.smoothing import geodesic, smooth_motion, smooth_quaternions
+from jaxmotion.smoothing import geodesic, lgs, smooth_motion, smooth_quaternions
 from tests.helpers import (
     assert_jit_and_vmap_agree,
     assert_same_rotation,
@@ -211,6 +211,24 @@ def test_a_motion_is_its_rotations_and_its_translations_smoothed_apart():
             assert_same_rotation(got.rotations[:, j], unit(dense_smooth(q, lam[j], of_joint)))
             want = dense_smooth(np.asarray(motion.translations)[:, j], lam[j], of_joint)
             np.testing.assert_allclose(got.translations[:, j], want, atol=1e-10)
+
+
+def test_stiffness_by_frame_reaches_rotations_and_translations():
+    rng = np.random.default_rng(13)
+    motion = random_motion(rng, 12, 3)
+    motion = motion.with_transforms(rotations=jnp.asarray(wandering(rng, 12)[1]))
+    firm = rng.uniform(0.3, 3, (12, 3))
+    got = smooth_motion(motion, 4.0, 1.0, stiffness=firm)
+    q = quaternion.align_signs(motion.rotations)
+    for j in range(3):
+        want = lgs(q[:, j], 4.0, 1.0, stiffness=firm[:, j]).mean
+        assert_same_rotation(got.rotations[:, j], unit(want))
+        want = lgs(motion.translations[:, j], 4.0, 1.0, stiffness=firm[:, j]).mean
+        np.testing.assert_allclose(got.translations[:, j], want, atol=1e-10)
+    alone = smooth_quaternions(motion.rotations, 4.0, 1.0, stiffness=firm)
+    assert_same_rotation(alone, got.rotations)
+    with pytest.raises(ValueError, match="stiffness= is for"):
+        smooth_motion(motion, 4.0, 1.0, stiffness=firm, method="geodesic")
 
 
 def test_the_geodesic_method_is_geodesic():
