@@ -207,11 +207,17 @@ def _read(
     h: Array, values: Array, slopes: Array, interval: Array, fraction: Array, moved: int
 ) -> tuple[Array, Array]:
     """Translations f[N, moved, 3] and rotations f[N, J, 4] of the curve."""
-    x = read_curve(h, values, slopes, interval, fraction)
-    translations, q = x[:, : 3 * moved], x[:, 3 * moved :].reshape(x.shape[0], -1, 4)
-    cancelled = safe_norm(q, keepdims=True) < 1e-6
-    q = quaternion.normalize(jnp.where(cancelled, 0, q))
-    return translations.reshape(x.shape[0], moved, 3), q
+    split = 3 * moved
+    # Read apart, as XLA would gather once more for each user of what is read together.
+    translations = read_curve(h, values[:, :split], slopes[:, :split], interval, fraction)
+    q = read_curve(h, values[:, split:], slopes[:, split:], interval, fraction)
+    q = q.reshape(q.shape[0], -1, 4)
+    norm = safe_norm(q, keepdims=True)
+    cancelled = norm < 1e-6
+    unit = jnp.where(
+        cancelled, quaternion.identity(dtype=q.dtype), q / jnp.where(cancelled, 1, norm)
+    )
+    return translations.reshape(q.shape[0], moved, 3), unit
 
 
 @eqx.filter_jit
