@@ -31,6 +31,7 @@ _MODULES = (
     "quaternion",
     "samples",
     "smoothing",
+    "spacetime",
     "timing",
 )
 
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
         quaternion,
         samples,
         smoothing,
+        spacetime,
         timing,
     )
     from jaxmotion.io import load, save
@@ -101,6 +103,7 @@ __all__ = [
     "samples",
     "save",
     "smoothing",
+    "spacetime",
     "stylize",
     "synthesize",
     "time_warp",

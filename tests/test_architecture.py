@@ -35,6 +35,7 @@ SIDEWAYS = {
     "layers": {"contacts", "spacetime"},
     "style": {"contacts", "spacetime"},
     "cleaning": {"contacts", "spacetime"},
+    "spacetime": {"contacts"},
     "__main__": {"cli"},
 }
 LINES_A_FILE = 400

@@ -1,0 +1,81 @@
+"""Solve (A ⊗ I + J^T J) x = b in O(T d^2 r): few rows a frame on a smooth prior.
+
+    A         precision of the random walk of :mod:`jaxmotion.spacetime.prior`, per channel
+    J_t       r x d, the rows of frame t; J = blockdiag(J_t)
+    x = u - A^-1 J^T S^-1 J u,      u = A^-1 b,      S = I + J A^-1 J^T          (Woodbury)
+
+S is the covariance of what the rows see, so a Kalman filter factors it: with P the covariance of a
+frame's positions and steps given the frames before, its first block row P_x,
+
+    R R^T = I + J_t P_xx J_t^T    V = P_x^T J_t^T R^-T    P <- P - V V^T, then one step of the walk
+
+and e -> R^-1 (e - J_t mean) whitens: S^-1 = B^T B, B the filter run on means alone. The block
+Cholesky factor of the same matrix takes O(T d^3) (Kalman, 1960; Rauch, Tung and Striebel, 1965).
+
+Shapes: rows ``(T, r, d)``, b ``(T, d)``. Memory O(T d r). Sharp bits: digits are lost as the
+condition of S, and u may be that much larger than x; refine where float32 matters.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
+
+from jaxmotion.spacetime.prior import Walk
+
+
+class LowRankFactor(eqx.Module):
+    """The filter: ``gains`` V of positions and of steps, ``roots`` R^-1 a frame."""
+
+    walk: Walk
+    rows: Float[Array, "time row d"]
+    gains: tuple[Float[Array, "time d row"], Float[Array, "time d row"]]
+    roots: Float[Array, "time row row"]
+
+    def solve(self, b: Float[Array, "time d"]) -> Float[Array, "time d"]:
+        """(A ⊗ I + J^T J)^-1 b."""
+        u = self.walk.solve(b)
+        seen = jnp.einsum("trd,td->tr", self.rows, u)
+        (force,) = jax.linear_transpose(self._whiten, seen)(self._whiten(seen))
+        return u - self.walk.solve(jnp.einsum("trd,tr->td", self.rows, force))
+
+    def _whiten(self, seen: Float[Array, "time row"]) -> Float[Array, "time row"]:
+        def frame(mean, inputs):
+            (x, v), (e, rows, gain_x, gain_v, root, spring, drag) = mean, inputs
+            white = root @ (e - rows @ x)
+            x, v = x + gain_x @ white, v + gain_v @ white
+            v = (1 - drag) * v - spring * x
+            return (x + v, v), white
+
+        still = jnp.zeros_like(self.rows[0, 0])
+        walk = self.walk
+        inputs = (seen, self.rows, *self.gains, self.roots, walk.spring, walk.drag)
+        return lax.scan(frame, (still, still), inputs)[1]
+
+
+def low_rank_factor(walk: Walk, rows: Float[Array, "time row d"]) -> LowRankFactor:
+    """Factor A ⊗ I + J^T J."""
+    r, d = rows.shape[1:]
+    eye = jnp.eye(d, dtype=rows.dtype)
+
+    def frame(covariance, inputs):
+        (xx, xv, vv), (rows, spring, drag, noise) = covariance, inputs
+        seen = xx @ rows.T
+        low = jnp.linalg.cholesky(jnp.eye(r, dtype=rows.dtype) + rows @ seen)
+        root = lax.linalg.triangular_solve(
+            low, jnp.eye(r, dtype=rows.dtype), left_side=True, lower=True
+        )
+        gain_x, gain_v = seen @ root.T, (xv.T @ rows.T) @ root.T
+        xx, xv, vv = xx - gain_x @ gain_x.T, xv - gain_x @ gain_v.T, vv - gain_v @ gain_v.T
+        # One step of the walk: v <- (1 - drag) v - spring x + noise, x <- x + v.
+        along = (1 - drag) * xv - spring * xx
+        vv = (1 - drag) ** 2 * vv - (1 - drag) * spring * (xv + xv.T) + spring**2 * xx + noise * eye
+        xx = xx + along + along.T + vv
+        return (xx, along + vv, vv), (gain_x, gain_v, root)
+
+    start = walk.variance[0] * eye, jnp.zeros_like(eye), jnp.zeros_like(eye)
+    noise = jnp.concatenate([walk.variance[1:], jnp.zeros_like(walk.variance[:1])])
+    inputs = rows, walk.spring, walk.drag, noise
+    _, (gain_x, gain_v, roots) = lax.scan(frame, start, inputs)
+    return LowRankFactor(walk, rows, (gain_x, gain_v), roots)

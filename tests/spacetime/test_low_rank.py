@@ -1,0 +1,82 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxmotion.spacetime.low_rank import low_rank_factor
+from jaxmotion.spacetime.prior import Prior, random_walk
+from tests.helpers import assert_jit_and_vmap_agree
+
+SIZE, BEND = 0.7, 3e3
+
+
+def dense_prior(frames):
+    second = np.diff(np.eye(frames), n=2, axis=0)
+    return SIZE * np.eye(frames) + BEND * second.T @ second
+
+
+def walk(frames, dtype=np.float64):
+    return random_walk(Prior(jnp.asarray(SIZE, dtype), jnp.asarray(BEND, dtype)), frames)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 4, 40])
+def test_the_walk_inverts_the_prior(frames, dtype):
+    b = np.random.default_rng(0).standard_normal((frames, 3))
+    x = jax.jit(lambda b: walk(frames, dtype).solve(b))(jnp.asarray(b, dtype))
+    assert x.dtype == dtype
+    want = np.linalg.solve(dense_prior(frames), b)
+    np.testing.assert_allclose(x, want, atol=3e4 * np.finfo(dtype).eps * np.abs(want).max())
+
+
+def test_float32_holds_where_the_matrix_itself_has_lost_its_diagonal():
+    size, bend, frames = 1.0, 1e8, 100  # in float32, size + 6 bend == 6 bend
+    prior = Prior(jnp.float32(size), jnp.float32(bend))
+    b = np.random.default_rng(1).standard_normal((frames, 1))
+    second = np.diff(np.eye(frames), n=2, axis=0)
+    want = np.linalg.solve(size * np.eye(frames) + bend * second.T @ second, b)
+    x = random_walk(prior, frames).solve(jnp.asarray(b, jnp.float32))
+    np.testing.assert_allclose(x, want, atol=1e-4 * np.abs(want).max())
+
+
+def test_rows_of_the_prior_square_to_its_matrix():
+    prior = Prior(jnp.asarray(SIZE), jnp.asarray(BEND))
+    x = np.random.default_rng(2).standard_normal((9, 2))
+    total = sum(float(jnp.sum(part**2)) for part in prior.rows(jnp.asarray(x)))
+    np.testing.assert_allclose(total, np.sum(x * (dense_prior(9) @ x)), rtol=1e-12)
+
+
+@jax.jit
+def solve(jacobian, b):
+    return low_rank_factor(walk(len(b), b.dtype), jacobian).solve(b)
+
+
+def case(frames, rows, d, seed=3):
+    rng = np.random.default_rng(seed)
+    return 10 * rng.standard_normal((frames, rows, d)), rng.standard_normal((frames, d))
+
+
+@pytest.mark.parametrize(("frames", "rows"), [(1, 2), (2, 2), (3, 7), (8, 2)])
+def test_low_rank_solve_is_the_dense_one(frames, rows, dtype):
+    d = 4
+    jacobian, b = case(frames, rows, d)
+    dense = np.kron(dense_prior(frames), np.eye(d))
+    for t in range(frames):
+        block = slice(t * d, t * d + d)
+        dense[block, block] += jacobian[t].T @ jacobian[t]
+    want = np.linalg.solve(dense, b.ravel()).reshape(frames, d)
+    x = solve(jnp.asarray(jacobian, dtype), jnp.asarray(b, dtype))
+    assert x.dtype == dtype
+    np.testing.assert_allclose(x, want, atol=2e4 * np.finfo(dtype).eps * np.abs(want).max())
+
+
+def test_low_rank_solve_compiled_and_mapped():
+    jacobian, b = case(5, 2, 3)
+    assert_jit_and_vmap_agree(solve, jacobian, b, rtol=1e-9, atol=1e-9)
+
+
+def test_low_rank_solve_is_symmetric():
+    jacobian, b = (jnp.asarray(x) for x in case(6, 3, 4))
+    c = jnp.asarray(np.random.default_rng(4).standard_normal(b.shape))
+    np.testing.assert_allclose(
+        jnp.vdot(c, solve(jacobian, b)), jnp.vdot(solve(jacobian, c), b), rtol=1e-8
+    )
