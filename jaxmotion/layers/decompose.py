@@ -23,11 +23,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
-from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.motion import Motion
-from jaxmotion.smoothing import MotionTuning, lgs, smooth_motion, smooth_quaternions
+from jaxmotion.smoothing import MotionTuning, lgs, smooth_motion
+from jaxmotion.smoothing.rotations import from_components, to_components
 from jaxmotion.smoothing.tuning import Criterion, tune_signal
 
 _RATIO = np.sqrt(2.0)
@@ -158,11 +158,15 @@ def _decompose(
 def _climb(rotations: Array, weights: Array | None, gamma: Array, scope: str, order: Literal[1, 2]):
     """The last rung before the first whose displacements pass γ, and whether there was none."""
     joints = rotations.shape[1] if scope == "per_joint" else 1
+    components = to_components(rotations, weights)
+    of_components = weights
+    if weights is not None and weights.ndim > 1:
+        of_components = weights[:, :, None]
 
     def exceeds(k):
         lam, sigma = _rung_parameters(k, rotations.dtype)
-        base = smooth_quaternions(rotations, lam, sigma, order=order, weights=weights)
-        angle = safe_norm(quaternion.log(quaternion.between(base, rotations)))
+        base = lgs(components, lam, sigma, order=order, weights=of_components).mean
+        angle = quaternion.distance(from_components(base), rotations)
         if weights is not None:
             angle = jnp.where(weights.reshape(weights.shape[0], -1) > 0, angle, 0)
         length = jnp.max(angle, axis=0)

@@ -33,7 +33,7 @@ from jaxmotion import quaternion
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.lgs import lgs
-from jaxmotion.smoothing.rotations import settled_components
+from jaxmotion.smoothing.rotations import to_components
 from jaxmotion.smoothing.tuning import tune_signal
 
 Loss: TypeAlias = Literal["huber", "cauchy"]
@@ -94,7 +94,7 @@ def _reweighted(y: Array, given: Array, loss: Loss, order: Literal[1, 2], turnin
     y, given = jax.lax.stop_gradient((y, given))
 
     def reweigh(_, weights):
-        signal = settled_components(y, weights) if turning else y
+        signal = to_components(y, weights) if turning else y
         tuned = tune_signal(signal, weights=weights, order=order)
         post = lgs(
             signal,

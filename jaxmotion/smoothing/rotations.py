@@ -79,7 +79,7 @@ def smooth_quaternions(
         x = geodesic(joints, *gains, weights=weights, **design).mean
         return x.reshape(x.shape[0], *q.shape[1:])
     x = _mean(
-        settled_components(q, weights, index, method, signs),
+        to_components(q, weights, index, method, signs),
         _on_components(lam),
         _on_components(sigma),
         window,
@@ -87,7 +87,7 @@ def smooth_quaternions(
         stiffness=None if stiffness is None else _per_component(jnp.asarray(stiffness, q.dtype), q),
         **design,
     )
-    return _rotations(x, method)
+    return from_components(x, method)
 
 
 def smooth_motion(
@@ -146,11 +146,11 @@ def smooth_motion(
     else:
         # One solve for both: translations are given a spare component, and stand as more joints.
         joints = motion.num_joints
-        x = settled_components(motion.rotations, weights, index, method, signs)
+        x = to_components(motion.rotations, weights, index, method, signs)
         spare = jnp.zeros((*y.shape[:2], x.shape[-1] - 3), y.dtype)
         y = jnp.concatenate([x, jnp.concatenate([y, spare], -1)], axis=1)
         x = solve(y, np.concatenate([np.arange(joints), moved]))
-        rotations, y = _rotations(x[:, :joints], method), x[:, joints:, :3]
+        rotations, y = from_components(x[:, :joints], method), x[:, joints:, :3]
     shape = (rotations.shape[0], motion.num_joints, 3)
     translations = jnp.broadcast_to(motion.translations[:1], shape)
     if moved.size:
@@ -177,7 +177,7 @@ def _check_options(
         raise ValueError("method='geodesic' takes no window= and no signs='min_energy'")
 
 
-def settled_components(
+def to_components(
     q: Array,
     weights: Array | None,
     index: ArrayLike | None = None,
@@ -193,7 +193,7 @@ def settled_components(
     return q if method == "chordal" else quaternion.log(q)
 
 
-def _rotations(x: Array, method: Method) -> Array:
+def from_components(x: Array, method: Method = "chordal") -> Array:
     """Back from smoothed components."""
     if method == "rotvec":
         return quaternion.exp(x)
