@@ -1,7 +1,7 @@
 """Find contacts in a motion: which points stand still, when, and where.
 
     "segments"     the rigid segment that carries the point has a fixed point near it, in some
-                   window of a tenth of a second      (:mod:`jaxmotion.contacts.rigid`)
+                   window of 0.08 s          (:mod:`jaxmotion.contacts.rigid`)
     "thresholds"   the point is low and slow          (:mod:`jaxmotion.contacts.height_speed`)
 
 Thresholds are shares of the limb's length, and rates use the clip's frame time: nothing depends on
@@ -33,7 +33,7 @@ from jaxmotion.contacts.runs import hysteresis, mean_over_runs, without_gaps, wi
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
 
-_WINDOW = 0.1  # seconds
+_WINDOW = 0.08  # seconds
 _SHORT = 0.05  # seconds: of contacts and of gaps between them
 _NEAR = 0.02  # of the limb's length: heights over the level that a segment at rest may have
 _SHARPNESS = 8.0
@@ -55,9 +55,9 @@ def detect(
     **Arguments:** ``method``: see the module; ``points``: which points may touch, by default the
     heels and balls of the feet (:func:`find_feet`), or with ``joints`` (names or numbers) the
     origins of those joints; ``floor``: "auto" asks that a point be near its own lowest level, a
-    number that it be near this height, None nothing; ``window``: frames in a tenth of a second,
-    static, at least 2, by default from the frame time and at least 3; ``tolerance`` scales every
-    threshold; ``length``: number of frames that count, the first ones, for padded clips.
+    number that it be near this height, None nothing; ``window``: frames in 0.08 s, static, by
+    default from the frame time and at least 3; ``tolerance`` scales every threshold; ``length``:
+    number of frames that count, the first ones, for padded clips.
 
     **Returns:** :class:`Contacts`, bool[T, C] and so on; no points (C = 0) for a skeleton without
     feet. A clip of one frame has no motion: what is low touches.
@@ -87,7 +87,7 @@ def _window(motion: Motion, window: int | None) -> int:
         if isinstance(motion.frame_time, Tracer):
             raise ValueError(
                 "detect: the motion is traced, so its frame rate is unknown; pass window=..., "
-                "the number of frames in a tenth of a second"
+                "the number of frames in 0.08 s"
             )
         return max(3, round(_WINDOW / float(motion.frame_time)) + 1)
     if window < 2:

@@ -26,7 +26,7 @@ from jaxmotion.smoothing import lgs
 _CUTOFF = 8.0  # hertz
 _SPEED, _OF_FASTEST, _FAST = 0.5, 0.1, 0.95
 HEIGHT = 0.02
-_LEVEL, _UNEVEN, _STRIDE = 0.1, 0.15, 4
+_LEVEL, _UNEVEN, _STRIDE = 0.1, 0.15, 5
 
 
 class LowAndSlow(NamedTuple):
@@ -87,7 +87,7 @@ def levels(
 ) -> Float[Array, "time point"]:
     """Height at which each point stands about each frame, f[T, C]; the module has the rule.
 
-    **Arguments:** ``window``: frames in a tenth of a second.
+    **Arguments:** ``window``: frames in 0.08 s.
     """
     seen = jnp.where(valid[:, None], heights, jnp.nan)
     usual = jnp.nanquantile(seen, jnp.asarray(_LEVEL, heights.dtype), axis=0)

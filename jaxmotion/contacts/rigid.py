@@ -19,6 +19,7 @@ L limb length, σ the noise of a coordinate, from third differences (a quartile,
 at rest decide). T frames, C points, lengths in the motion's unit. O(T·C·n).
 """
 
+import math
 from typing import NamedTuple
 
 import jax
@@ -87,7 +88,7 @@ def noise_level(
     third = jnp.where(valid[3:, None], third, jnp.nan)
     quartile = jnp.nanquantile(third, jnp.asarray(0.25, positions.dtype), axis=0)
     known = jnp.isfinite(quartile)
-    return jnp.where(known, quartile / (_CHI3_QUARTILE * np.sqrt(20.0)), 0)
+    return jnp.where(known, quartile / (_CHI3_QUARTILE * math.sqrt(20.0)), 0)
 
 
 def _window_moments(positions, rotations, size, window, still):
