@@ -170,6 +170,7 @@ def test_stillness_is_slowed_evenly_and_has_finite_derivatives():
     assert all(np.all(np.isfinite(s)) for s in slopes)
 
 
+@pytest.mark.slow
 def test_derivatives():
     motion = turning(np.array([0.0, 0.1, 0.5, 1.3, 1.7, 1.8]))
     pairs = jnp.array([[0.05, 0.06], [0.1, 0.13]])
