@@ -9,7 +9,7 @@ of the planted ones), at a_A, a_B in the end's frame.
 2. Ankles. Both down: R′ = arc(R(a_B − a_A) → g_B − g_A) R, x′ the mean of g − R′a. One down: R′
    takes over the turn of the nearest frame with both, faded; x′ = g − R′a.
 3. Root. Least shift Δ that puts every planted x′ within reach of its limb: nearest point of the
-   intersection of balls about x′ − hip (Dykstra's alternating projections), smoothed over time.
+   intersection of balls about x′ − hip (Dykstra's projections), smoothed over time.
 4. Limbs. :func:`~jaxmotion.contacts.limb_ik` from the shifted hip to x′; R′ for the foot.
 5. Frames between contacts inherit x′ − (x + Δ) and the turn R′R⁻¹ from the contacts on both sides,
    faded by α(k/min(F + 1, gap)), α(t) = 2t³ − 3t² + 1, F frames; feet below a ``floor`` are lifted.
@@ -38,7 +38,7 @@ from jaxmotion.skeleton import Skeleton
 from jaxmotion.smoothing import lgs
 
 _REACH = 0.995  # of full length, or what the clip itself uses if that is more
-_CYCLES, _ROUNDS = 12, 6
+_CYCLES, _ROUNDS = 24, 6
 _CUTOFF = 3.0  # hertz, of the root's shift
 
 
@@ -213,24 +213,23 @@ def _root_shift(motion, pose, joints, wanted, planted, most, reach_of_fade, vali
 
 
 def _nearest(x, center, reach, planted):
-    """The point nearest to x in all balls of the planted limbs (Dykstra's algorithm)."""
-
-    def project(state, ball):
-        x, (center, reach, planted, past) = state, ball
-        line = x + past - center
-        length = safe_norm(line, keepdims=True)
-        far = (length > reach[:, None]) & planted[:, None]
-        inside = center + line * (reach[:, None] / jnp.where(far, length, 1))
-        moved = jnp.where(far, inside, x + past)
-        return moved, x + past - moved
-
-    balls = tuple(jnp.moveaxis(a, 1, 0) for a in (center, reach, planted))
+    """The point nearest to x in all balls of the planted limbs; a mean of the balls' nearest points
+    if they have none in common (Dykstra's algorithm for the product of the balls)."""
+    share = planted.astype(x.dtype)
+    share = (share / jnp.maximum(jnp.sum(share, -1, keepdims=True), 1))[..., None]
+    anywhere = planted.any(-1, keepdims=True)
 
     def cycle(state, _):
         x, past = state
-        return jax.lax.scan(project, x, (*balls, past)), None
+        start = x[:, None] + past
+        line = start - center
+        length = safe_norm(line)
+        far = (length > reach)[..., None]
+        scale = (reach / jnp.where(length > 0, length, 1))[..., None]
+        moved = jnp.where(far, center + line * scale, start)
+        return (jnp.where(anywhere, jnp.sum(share * moved, 1), x), start - moved), None
 
-    return jax.lax.scan(cycle, (x, jnp.zeros_like(balls[0])), None, length=_CYCLES)[0][0]
+    return jax.lax.scan(cycle, (x, jnp.zeros_like(center)), None, length=_CYCLES)[0][0]
 
 
 def _lifted(motion, contacts, feet, ankle, turned, body, planted, away, floor):

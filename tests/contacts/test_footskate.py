@@ -161,7 +161,8 @@ def test_tiny_clips(skating, frames):
     assert errors(clean, few).max() < 0.002
 
 
-def test_nearest_point_of_two_balls_by_slsqp():
+def test_nearest_point_of_two_balls_by_slsqp(monkeypatch):
+    monkeypatch.setattr(footskate, "_CYCLES", 3000)
     rng = np.random.default_rng(1)
     count = 20
     center = 0.4 * rng.standard_normal((count, 2, 3))
@@ -178,7 +179,7 @@ def test_nearest_point_of_two_balls_by_slsqp():
         want = minimize(
             lambda x, i=i: np.sum((x - start[i]) ** 2), start[i], constraints=limits, tol=1e-12
         ).x
-        np.testing.assert_allclose(got[i], want, atol=2e-2)
+        np.testing.assert_allclose(got[i], want, atol=1e-3)
 
 
 def test_what_is_refused(skating):
@@ -186,20 +187,10 @@ def test_what_is_refused(skating):
     skeleton = motion.skeleton
     with no_shape_checks(), pytest.raises(ValueError, match="contacts have 60 frames, the motion"):
         cleanup_footskate(motion[:30], contacts)
-    for joints, message in (
-        (["Spine"], "'Spine' hangs from no two-bone limb"),
-        (["LeftLeg", "LeftFoot", "LeftHand"], None),
-    ):
-        points = ContactPoints(skeleton, joints)
-        wanted = replant(
-            motion,
-            Contacts(
-                points, np.ones((FRAMES, len(joints)), bool), np.zeros((FRAMES, len(joints), 3))
-            ),
-        )
-        if message:
-            with pytest.raises(ValueError, match=message):
-                cleanup_footskate(motion, wanted)
+    spine = ContactPoints(skeleton, ["Spine"])
+    wanted = Contacts(spine, np.ones((FRAMES, 1), bool), np.zeros((FRAMES, 1, 3)))
+    with pytest.raises(ValueError, match="'Spine' hangs from no two-bone limb"):
+        cleanup_footskate(motion, wanted)
     crossed = ContactPoints(
         skeleton, ["LeftFoot", "LeftToeBase"], limbs=[(14, 15, 16), (15, 16, 17)]
     )
