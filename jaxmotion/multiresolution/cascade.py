@@ -1,0 +1,175 @@
+"""All levels in turn: down by R with what each leaves out, up by E with what each is given.
+
+The finest levels of a long clip are compiled for their own sizes; all others run as one loop over
+arrays padded to the largest, each with its own count of frames. That costs up to a quarter of a
+clip's work a level, and compiling costs three levels at most however many there are.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxmotion.multiresolution.levels import (
+    Level,
+    continued,
+    interleaved,
+    level_of,
+    odd_frames,
+    reduced,
+)
+from jaxmotion.multiresolution.poses import Poses
+
+_LONG, _UNROLLED = 256, 2
+
+
+def level_sizes(frames: int, levels: int | None = None) -> list[int]:
+    """Frames of every level, fine to coarse, ``levels`` halvings or as far as 2."""
+    sizes = [frames]
+    while len(sizes) <= levels if levels is not None else sizes[-1] > 2:
+        sizes.append(sizes[-1] // 2 + 1)
+    return sizes
+
+
+def descend(
+    fine: Level, levels: int, lazy: bool, describe: Callable[[Poses, Poses], Any]
+) -> tuple[Level, list[Any]]:
+    """Halve ``levels`` times. ``describe(poses, expanded)`` is what is kept of each level (lazy:
+    of its odd frames), fine to coarse."""
+    sizes = level_sizes(len(fine.rotations[0]), levels)
+    kept = []
+
+    def halved(fine: Level):
+        coarse = reduced(fine, smooth=not lazy)
+        spacing = None if fine.spacing is None else continued(fine.spacing, fine.count)
+        expanded = odd_frames(coarse, spacing)
+        poses = fine.translations, fine.rotations
+        rows = len(fine.rotations[0])
+        if lazy:
+            return coarse, describe(jax.tree.map(lambda x: x[1::2], poses), expanded)
+        whole = merged((coarse.translations, coarse.rotations), expanded)
+        return coarse, describe(poses, first_rows(whole, rows))
+
+    unrolled = _unrolled(sizes)
+    for _ in range(unrolled):
+        fine, description = halved(fine)
+        kept.append(description)
+    if unrolled < levels:
+        rows = len(fine.rotations[0])
+
+        def again(level: Level, _):
+            coarse, description = halved(level)
+            return _padded_level(coarse, rows), description
+
+        fine, stacked = jax.lax.scan(again, fine, None, levels - unrolled)
+        for k, size in enumerate(sizes[unrolled:-1]):
+            size = size // 2 if lazy else size
+            kept.append(jax.tree.map(lambda x, k=k, size=size: x[k, :size], stacked))
+        fine = _padded_level(fine, sizes[-1])
+    return fine, kept
+
+
+def _unrolled(sizes: list[int]) -> int:
+    """How many of the finest levels are compiled each for its own size."""
+    levels = len(sizes) - 1
+    long = sum(size > _LONG for size in sizes[:_UNROLLED])
+    return levels if levels - long <= 1 else min(long, levels)
+
+
+def _padded_level(level: Level, rows: int) -> Level:
+    """The level with ``rows`` frames, the last repeated or dropped."""
+    more = rows - len(level.rotations[0])
+
+    def fitted(part):
+        return jax.tree.map(lambda x: _fitted(x, len(x) + more), part)
+
+    p, q, moves, turns, spacing, count = level
+    return Level(fitted(p), fitted(q), fitted(moves), fitted(turns), fitted(spacing), count)
+
+
+def _fitted(x: Array, rows: int) -> Array:
+    if len(x) >= rows:
+        return x[:rows]
+    return jnp.pad(x, ((0, rows - len(x)),) + ((0, 0),) * (x.ndim - 1), "edge")
+
+
+def ascend(
+    poses: Poses,
+    data: list[Any],
+    combine: Callable[[Poses, Any], tuple[Poses, Any]],
+    *,
+    frames: tuple[int, ...],
+    skips: tuple[int, ...],
+    counts: list[Array],
+    spacings: list[Array] | None,
+    lazy: bool,
+) -> tuple[Poses, list[Any]]:
+    """Double once for each entry of ``data``, coarse to fine. ``combine(expanded, datum)`` makes a
+    level's poses (lazy: its odd ones) and something to keep; ``counts`` and ``spacings`` are of all
+    levels, base first. What is kept of the looped levels is padded."""
+    levels = len(data)
+    looped = levels - _unrolled(list(frames[::-1]))
+    kept = []
+
+    def doubled(poses, datum, count, spacing, fine_spacing, cut):
+        expanded = odd_frames(level_of(poses[0], poses[1], spacing, count), fine_spacing)
+        if not lazy:
+            return combine(jax.tree.map(cut, merged(poses, expanded)), datum)
+        expanded, result = combine(expanded, datum)
+        return jax.tree.map(cut, merged(poses, expanded)), result
+
+    if looped:
+        rows = frames[looped]
+        view = min(rows // 2 + 2, rows)
+        size = view - 1 if lazy else rows
+        stack = jax.tree.map(lambda *x: jnp.stack([_fitted(y, size) for y in x]), *data[:looped])
+        h = fine_h = None
+        if spacings is not None:
+            pairs = zip(spacings[1 : looped + 1], counts[1 : looped + 1], strict=True)
+            h = jnp.stack([_fitted(x, view - 1) for x in spacings[:looped]])
+            fine_h = jnp.stack([_fitted(continued(x, c), 2 * view - 2) for x, c in pairs])
+
+        def again(poses, level):
+            datum, count, skip, h, fine_h = level
+            some = first_rows(poses, view)
+            return doubled(
+                some,
+                datum,
+                count,
+                h,
+                fine_h,
+                lambda x: jax.lax.dynamic_slice_in_dim(x, skip, rows),
+            )
+
+        poses = jax.tree.map(lambda x: _fitted(x, rows), poses)
+        inputs = stack, jnp.stack(counts[:looped]), np.asarray(skips[:looped], int), h, fine_h
+        poses, results = jax.lax.scan(again, poses, inputs)
+        kept = [jax.tree.map(lambda x, n=n: x[n], results) for n in range(looped)]
+    for n in range(looped, levels):
+        h = fine_h = None
+        if spacings is not None:
+            h, fine_h = spacings[n], continued(spacings[n + 1], counts[n + 1])
+        start, stop = skips[n], skips[n] + frames[n + 1]
+        poses, result = doubled(
+            first_rows(poses, frames[n]),
+            data[n],
+            counts[n],
+            h,
+            fine_h,
+            lambda x, start=start, stop=stop: x[start:stop],
+        )
+        kept.append(result)
+    return first_rows(poses, frames[-1]), kept
+
+
+def first_rows(poses: Poses, rows: int) -> Poses:
+    """The first frames."""
+    return jax.tree.map(lambda x: x[:rows], poses)
+
+
+def merged(even: Poses, odd: Poses) -> Poses:
+    """Even and odd frames in turn."""
+    return interleaved(even[0], odd[0]), interleaved(even[1], odd[1])

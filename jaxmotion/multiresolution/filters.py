@@ -1,0 +1,115 @@
+"""Linear time-invariant filters for motions (Lee & Shin 2001, §3.1, Eq. 4–6).
+
+    F(p_i) = Σ_m a_m p_{i+m}                        translations
+    H(q_i) = q_i · exp(Σ_{m=−k}^{k−1} b_m ω_{i+m})   rotations,  ω_i = log(q_i⁻¹ q_{i+1})
+    b_m = Σ_{j>m} a_j for m ≥ 0,  −Σ_{j≤m} a_j for m < 0
+
+a is a mask with Σa = 1 (:mod:`~jaxmotion.multiresolution.masks`). F is the same as p_i plus b over
+the steps p_{i+1} − p_i, and that is how it is computed: a constant stays one to the last bit. Past
+the ends the *steps* are mirrored (Eq. 6), so steady motion stays steady.
+
+a·H(q)·b = H(a·q·b) for any rotations a, b; shifting or (symmetric masks) reversing time commutes
+with H; log H is the vector mask of log q up to second order, and exactly for one axis.
+
+O(T·J·k), differentiable in q, the mask and its times. Sharp bits: steps take the short way round,
+so q and −q filter alike, and a joint that turns by π between two frames has no defined step.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from jaxmotion import quaternion
+from jaxmotion._types import AnyArray, ArrayLike, Quaternion
+from jaxmotion.motion import Motion
+from jaxmotion.multiresolution.kernels import step, turned, wrapped
+from jaxmotion.multiresolution.masks import mirror
+from jaxmotion.multiresolution.poses import check_single, parts_of, together
+
+
+def orientation_filter(q: Quaternion, mask: ArrayLike) -> Quaternion:
+    """H(q): rotations over time through a mask.
+
+    **Arguments:** ``q``: f[T, ..., 4], unit; ``mask``: a₋ₖ … aₖ, f[2k + 1], or f[T, 2k + 1] with a
+    row a frame. Its sum is 1; the middle coefficient is taken to be what makes it so.
+    **Returns:** f[T, ..., 4], neighbours in one hemisphere.
+    **Raises:** ``ValueError`` for a mask of even width, another number of rows or another sum.
+    Lee & Shin 2001, Eq. 5, 6.
+    """
+    q = jnp.asarray(q)
+    return _orientation_filter(q, _step_weights(mask, q.shape[0], q.dtype))
+
+
+def vector_filter(x: Float[AnyArray, "time *rest"], mask: ArrayLike) -> Float[Array, "time *rest"]:
+    """F(x): vectors over time through a mask; arguments and errors as :func:`orientation_filter`,
+    with f[T, ...] for the rotations. Lee & Shin 2001, Eq. 4."""
+    x = jnp.asarray(x)
+    return _vector_filter(x, _step_weights(mask, x.shape[0], x.dtype))
+
+
+def filter_motion(motion: Motion, mask: ArrayLike) -> Motion:
+    """Every joint's translation by :func:`vector_filter` and rotation by
+    :func:`orientation_filter`.
+
+    **Arguments:** ``motion``: T frames; ``mask``: as there.
+    **Returns:** a motion of the same shape. Lee & Shin 2001, Eq. 4–6.
+    """
+    check_single(motion, "filter_motion")
+    weights = _step_weights(mask, motion.num_frames, motion.dtype)
+    return motion.with_transforms(
+        _vector_filter(jnp.asarray(motion.translations), weights),
+        _orientation_filter(jnp.asarray(motion.rotations), weights),
+    )
+
+
+@eqx.filter_jit
+def _orientation_filter(q: Array, weights: Array) -> Array:
+    q = quaternion.normalize(q)
+    if len(q) < 2:
+        return q
+    parts = parts_of(q)
+    omega = step(tuple(x[:-1] for x in parts), tuple(x[1:] for x in parts))
+    change = wrapped(tuple(_weighted(x, weights) for x in omega))
+    return quaternion.align_signs(together(turned(parts, change)))
+
+
+@eqx.filter_jit
+def _vector_filter(x: Array, weights: Array) -> Array:
+    return x + _weighted(x[1:] - x[:-1], weights) if len(x) > 1 else x
+
+
+def _weighted(steps: Array, weights: Array) -> Array:
+    """Σ_m b_m ω_{i+m} for every frame i: f[T − 1, ...] to f[T, ...]; ``weights`` b, f[2k] or
+    f[T, 2k]."""
+    frames, width = steps.shape[0] + 1, weights.shape[-1]
+    if width == 0:
+        return jnp.zeros((frames, *steps.shape[1:]), steps.dtype)
+    index = mirror(frames - 1, width // 2, width // 2)
+    outside = width // 2, width // 2 + frames - 1
+    longer = jnp.concatenate([steps[index[: outside[0]]], steps, steps[index[outside[1] :]]])
+    column = (-1,) + (1,) * (steps.ndim - 1)
+    return sum(
+        (weights[..., m].reshape(column) * longer[m : m + frames] for m in range(width)),
+        start=jnp.zeros((), steps.dtype),
+    )
+
+
+def _step_weights(mask: ArrayLike, frames: int, dtype) -> Array:
+    """b of a mask a: one weight a step, f[2k] or f[T, 2k]."""
+    shape = np.shape(mask)
+    if shape[-1:] == () or shape[-1] % 2 == 0 or shape[:-1] not in ((), (frames,)):
+        raise ValueError(
+            f"mask has shape {shape}; expected an odd number of coefficients, (2k + 1,) or "
+            f"({frames}, 2k + 1) with a row a frame"
+        )
+    if not isinstance(mask, Tracer):
+        sums = np.ravel(np.asarray(mask, np.float64).sum(-1))
+        if not np.allclose(sums, 1.0, rtol=0, atol=1e-4):
+            raise ValueError(f"mask sums to {sums[0]:g}; expected 1, so that poses stay")
+    mask = jnp.asarray(mask, dtype)
+    half = shape[-1] // 2
+    left = -jnp.cumsum(mask[..., :half], axis=-1)
+    right = jnp.flip(jnp.cumsum(jnp.flip(mask[..., half + 1 :], -1), axis=-1), -1)
+    return jnp.concatenate([left, right], axis=-1)

@@ -1,0 +1,209 @@
+"""Rotations by components: what every level of a pyramid computes most.
+
+    step(a, b)   = log(a⁻¹b) = ω     dω = M(ω) δ_b − M(ω)ᵀ δ_a
+    turned(q, v) = q·exp(v) = q′     dq′ = ½ q′·(0, exp(v)⁻¹ δ_q exp(v) + Jr(v) dv)
+
+    δ = 2 vec(q̄ dq), the turn of q in its own frame; c = cos(θ/2), s = sin(θ/2)/θ, θ = ‖v‖ ≤ 2π
+    Jr(v) = I − 2s²[v]× + k[v]×²,   k = (1 − 2sc)/θ²
+    M(ω)  = I + ½[ω]× + k[ω]×²,     k = (1 − (θ/2)cot(θ/2))/θ²,  θ = ‖ω‖
+
+Quaternions are tuples (w, x, y, z) and vectors tuples (x, y, z) of arrays f[T, J]: nothing is
+stacked between an operation and the next. Full-angle rotation vectors; ω goes the short way round,
+so the sign of a quaternion does not matter. Derivatives (Chirikjian 2012, §10.7) are written out,
+both modes, because differentiating log and exp costs several times as much.
+
+No branch, no division by an angle and no library function stands in either: with t = tan(θ/8),
+from u = vec(a⁻¹b) and w = |cos(θ/2)| by two half-angle steps, ω = ±2(1 − t²)(1 + tan²(θ/4))·
+(atan t/t)·u, and c, s follow from the series of sin and cos at θ/4. Both are smooth in θ².
+
+Sharp bits: quaternions must be unit, v no longer than 2π (:func:`wrapped`). XLA fuses elementwise
+chains without limit on a CPU, and computes what several consumers share once for each, which makes
+a gradient explode in time and code; it does not fuse across a branch, so both operations and their
+derivatives are branches of a condition that always holds (:func:`fenced`).
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from jaxmotion._numerics import safe_sqrt, series_switch
+
+Parts = tuple[Array, ...]
+
+
+def _arctan_series(terms: int) -> np.ndarray:
+    """atan(t)/t as a polynomial of t² on 0 ≤ t ≤ tan(π/8), by interpolation."""
+    top = np.tan(np.pi / 8) ** 2
+    fit = np.polynomial.Chebyshev.interpolate(
+        lambda x: np.arctan(np.sqrt(x)) / np.sqrt(x), terms - 1, (0, top)
+    )
+    return fit.convert(kind=np.polynomial.Polynomial).coef
+
+
+_ARCTAN = _arctan_series(14)
+_SINE = np.cumprod([1.0] + [-1.0 / (2 * k * (2 * k + 1)) for k in range(1, 12)])
+_COSINE = np.cumprod([1.0] + [-1.0 / (2 * k * (2 * k - 1)) for k in range(1, 12)])
+
+
+def fenced(f: Callable[..., Any], *args: Any) -> Any:
+    """f(*args), computed once and stored, whoever uses it."""
+    always = jax.lax.optimization_barrier(jnp.asarray(True))
+    shapes = jax.eval_shape(f, *args)
+
+    def never(*_):
+        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+
+    return jax.lax.cond(always, f, never, *args)
+
+
+@jax.custom_jvp
+def step(a: Parts, b: Parts) -> Parts:
+    """ω = log(a⁻¹b)."""
+    return fenced(_step, a, b)
+
+
+def _step(a: Parts, b: Parts) -> Parts:
+    w, x, y, z = product(conjugate(a), b)
+    sign = jnp.where(w < 0, -1.0, 1.0).astype(w.dtype)
+    quarter = (x * x + y * y + z * z) / (1 + jnp.abs(w)) ** 2
+    eighth = quarter / (1 + jnp.sqrt(1 + quarter)) ** 2
+    factor = 2 * (1 - eighth) * (1 + quarter) * _polynomial(_ARCTAN, eighth)
+    return scaled(sign * factor, (x, y, z))
+
+
+def _polynomial(coefficients: np.ndarray, x: Array) -> Array:
+    total = jnp.full_like(x, coefficients[-1])
+    for c in coefficients[-2::-1]:
+        total = total * x + float(c)
+    return total
+
+
+@step.defjvp
+def _step_jvp(primals, tangents):
+    (a, b), (da, db) = primals, tangents
+    omega = step(a, b)
+
+    def change(a, b, omega, da, db):
+        before, after = own_turn(a, da), own_turn(b, db)
+        difference = tuple(v - u for u, v in zip(before, after, strict=True))
+        mean = tuple(0.5 * (u + v) for u, v in zip(before, after, strict=True))
+        twice = cross(omega, cross(omega, difference))
+        bent = scaled(_inverse_jacobian_factor(dot(omega, omega)), twice)
+        return added(added(difference, cross(omega, mean)), bent)
+
+    return omega, fenced(change, a, b, omega, da, db)
+
+
+def _inverse_jacobian_factor(x: Array) -> Array:
+    far = x > series_switch(x.dtype)
+    cosine, sine = _half_angle(x)
+    near = 1 / 12 + x * (1 / 720 + x / 30240)
+    return jnp.where(far, (1 - cosine / (2 * sine)) / jnp.where(far, x, 1), near)
+
+
+@jax.custom_jvp
+def turned(q: Parts, v: Parts) -> Parts:
+    """q·exp(v)."""
+    return fenced(_turned, q, v)
+
+
+def _turned(q: Parts, v: Parts) -> Parts:
+    cosine, sine = _half_angle(dot(v, v))
+    return product(q, (cosine, *scaled(sine, v)))
+
+
+def _half_angle(x: Array) -> tuple[Array, Array]:
+    """cos(θ/2) and sin(θ/2)/θ from θ²."""
+    y = x / 16
+    sine = _polynomial(_SINE, y)
+    return 1 - 2 * y * sine * sine, 0.5 * sine * _polynomial(_COSINE, y)
+
+
+def wrapped(v: Parts) -> Parts:
+    """Another rotation vector of the same rotation, no longer than π (to rounding); same gradient
+    along v."""
+    angle = safe_sqrt(dot(v, v))
+    turns = jax.lax.stop_gradient(jnp.round(angle / (2 * np.pi)))
+    return scaled(
+        jnp.where(turns > 0, 1 - 2 * np.pi * turns / jnp.where(turns > 0, angle, 1), 1), v
+    )
+
+
+@turned.defjvp
+def _turned_jvp(primals, tangents):
+    (q, v), (dq, dv) = primals, tangents
+    result = turned(q, v)
+
+    def change(q, v, result, dq, dv):
+        x = dot(v, v)
+        c, s = _half_angle(x)
+        far = x > series_switch(x.dtype)
+        near = 1 / 6 - x * (1 / 120 - x / 5040)
+        k = jnp.where(far, (1 - 2 * s * c) / jnp.where(far, x, 1), near)
+        once = cross(v, dv)
+        moved = added(dv, added(scaled(-2 * s * s, once), scaled(k, cross(v, once))))
+        spin = added(rotated(conjugate((c, *scaled(s, v))), own_turn(q, dq)), moved)
+        return scaled(0.5, product(result, (jnp.zeros_like(x), *spin)))
+
+    return result, fenced(change, q, v, result, dq, dv)
+
+
+def product(a: Parts, b: Parts) -> Parts:
+    """Hamilton's a ⊗ b."""
+    w, x, y, z = a
+    W, X, Y, Z = b
+    return (
+        w * W - x * X - y * Y - z * Z,
+        w * X + x * W + y * Z - z * Y,
+        w * Y - x * Z + y * W + z * X,
+        w * Z + x * Y - y * X + z * W,
+    )
+
+
+def conjugate(q: Parts) -> Parts:
+    """q̄."""
+    w, x, y, z = q
+    return w, -x, -y, -z
+
+
+def own_turn(q: Parts, dq: Parts) -> Parts:
+    """δ = 2 vec(q̄ dq)."""
+    return scaled(2, product(conjugate(q), dq)[1:])
+
+
+def dot(a: Parts, b: Parts) -> Array:
+    """Σ a_i b_i."""
+    return sum((x * y for x, y in zip(a[1:], b[1:], strict=True)), start=a[0] * b[0])
+
+
+def cross(a: Parts, b: Parts) -> Parts:
+    """a × b."""
+    x, y, z = a
+    u, v, w = b
+    return y * w - z * v, z * u - x * w, x * v - y * u
+
+
+def added(a: Parts, b: Parts) -> Parts:
+    """a + b."""
+    return tuple(x + y for x, y in zip(a, b, strict=True))
+
+
+def scaled(factor: Array | float, v: Parts) -> Parts:
+    """factor · v."""
+    return tuple(factor * x for x in v)
+
+
+def rotated(q: Parts, v: Parts) -> Parts:
+    """q v q̄."""
+    w, x, y, z = q
+    a, b, c = v
+    d, e, f = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+    return (
+        a + w * d + y * f - z * e,
+        b + w * e + z * d - x * f,
+        c + w * f + x * e - y * d,
+    )

@@ -1,0 +1,113 @@
+"""Edits by level (Lee & Shin 2001, §4): level of detail, enhancement and attenuation, blending.
+
+    level of detail n + α    d⁽ⁱ⁾ for i < n, α·d⁽ⁿ⁾, nothing finer                 §4.1
+    gains                    g_n·d⁽ⁿ⁾                                              §4.2
+    blend                    base  m_c ⊕ (m_b ⊖ m_a),  details  d_b + (d_c − d_a)    Eq. 20
+
+⊕, ⊖ in the body sense of :mod:`jaxmotion.displacement`, so none depends on the coordinates. Each
+returns a motion of the input's frames. Contacts are not kept: repair them afterwards. O(T·J),
+differentiable in the clips, the level and the gains.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from jaxmotion._types import ArrayLike, ScalarLike
+from jaxmotion.displacement import Displacement, minus, plus
+from jaxmotion.motion import Motion
+from jaxmotion.multiresolution.poses import Times
+from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid, synthesize
+
+
+def level_of_detail(pyramid: Pyramid, level: ScalarLike) -> Motion:
+    """The motion without the details finer than a level.
+
+    **Arguments:** ``level``: n + α in [0, N], traced or not: 0 leaves the base, N everything, a
+    fraction a part of the next details; beyond counts as the end of the range.
+    **Returns:** a motion of the original's frames. Lee & Shin 2001, §4.1.
+    """
+    finest = jnp.arange(pyramid.levels, dtype=pyramid.base.dtype)
+    gains = jnp.clip(jnp.asarray(level, pyramid.base.dtype) - finest, 0, 1)
+    return scale_details(pyramid, gains)
+
+
+def scale_details(pyramid: Pyramid, gains: ArrayLike) -> Motion:
+    """The motion with its details enhanced (gain > 1) or attenuated (< 1).
+
+    **Arguments:** ``gains``: a scalar, f[N] one a level from coarse to fine, or f[N, J] one a level
+    and joint (f[1, J] for all levels alike).
+    **Returns:** a motion of the original's frames; gains of 1 give it back exactly as
+    ``pyramid.reconstruct()`` does. **Raises:** ``ValueError`` for gains of another shape.
+    Lee & Shin 2001, §4.2.
+    """
+    gains = jnp.asarray(gains, pyramid.base.dtype)
+    levels, joints = pyramid.levels, pyramid.base.num_joints
+    if gains.shape not in ((), (levels,), (levels, joints), (1, joints)):
+        raise ValueError(
+            f"scale_details: gains has shape {gains.shape}; expected a scalar, ({levels},) a level "
+            f"or ({levels}, {joints}) a level and joint"
+        )
+    columns = gains[:, None] if gains.ndim == 1 else gains
+    return synthesize(pyramid, jnp.broadcast_to(columns, (levels, joints)))
+
+
+def blend(
+    reference: Motion,
+    first: Motion,
+    second: Motion,
+    levels: int | None = None,
+    *,
+    times: Times | None = None,
+) -> Motion:
+    """``second`` with what ``first`` has and ``reference`` lacks: limp + (turn − walk).
+
+    **Arguments:** three clips of T frames and one skeleton, aligned in time
+    (:mod:`jaxmotion.timing`) and standing alike; ``levels``, ``times``: as :func:`build_pyramid`.
+    **Returns:** T frames, at the rate of ``second``. blend(a, b, a) = blend(a, a, b) = b.
+    **Raises:** ``ValueError`` for clips of different shapes. Lee & Shin 2001, Eq. 20.
+    """
+    clips = {"first": first, "second": second}
+    for name, clip in clips.items():
+        if clip.rotations.shape != reference.rotations.shape:
+            raise ValueError(
+                f"blend: {name} has shape {clip.rotations.shape}, the reference "
+                f"{reference.rotations.shape} (time, joint, 4); they must agree"
+            )
+    moving = tuple(sorted({j for m in (reference, first, second) for j in m.translated_joints}))
+    alike = (with_moving_joints(m, moving) for m in (reference, first, second))
+    return _blend(*(build_pyramid(m, levels, times=times) for m in alike))
+
+
+@eqx.filter_jit
+def _blend(reference: Pyramid, first: Pyramid, second: Pyramid) -> Motion:
+    def mixed(a: Displacement, b: Displacement, c: Displacement) -> Displacement:
+        return Displacement(
+            b.translations + (c.translations - a.translations),
+            b.rotations + (c.rotations - a.rotations),
+            "body",
+        )
+
+    layers = zip(reference.details, first.details, second.details, strict=True)
+    pyramid = Pyramid(
+        base=plus(second.base, minus(first.base, reference.base, "body")),
+        details=tuple(mixed(*layer) for layer in layers),
+        times=second.times,
+        length=second.length,
+        frames=second.frames,
+        skips=second.skips,
+        lazy=False,
+        frame_time_text=second.frame_time_text,
+    )
+    return scale_details(pyramid, 1.0)
+
+
+def with_moving_joints(motion: Motion, joints: tuple[int, ...]) -> Motion:
+    """The motion, its translated joints said to be these."""
+    return Motion(
+        motion.skeleton,
+        motion.translations,
+        motion.rotations,
+        motion.frame_time,
+        translated_joints=joints,
+        frame_time_text=motion.frame_time_text,
+    )

@@ -1,0 +1,138 @@
+"""Motions by component and back, ⊕ and ⊖ on them, and what entries of this package check."""
+
+from typing import TypeAlias
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from jaxmotion import quaternion
+from jaxmotion._types import AnyArray
+from jaxmotion.displacement import Displacement
+from jaxmotion.motion import Motion
+from jaxmotion.multiresolution.kernels import (
+    Parts,
+    added,
+    conjugate,
+    rotated,
+    scaled,
+    step,
+    turned,
+)
+
+Times: TypeAlias = Float[AnyArray, " time"]
+Poses: TypeAlias = tuple[Parts, Parts]
+
+
+def minus(poses: Poses, reference: Poses, moving: tuple[int, ...]) -> Poses:
+    """poses ⊖ reference in the body sense (Lee & Shin, Eq. 3); ``moving``: the joints that the
+    translations are of."""
+    (p, q), (e, r) = poses, reference
+    shift = tuple(x - y for x, y in zip(p, e, strict=True))
+    return rotated(conjugate(_of(r, moving)), shift), scaled(0.5, step(r, q))
+
+
+def plus(poses: Poses, displacement: Poses, moving: tuple[int, ...]) -> Poses:
+    """poses ⊕ displacement in the body sense (Lee & Shin, Eq. 2)."""
+    (p, q), (u, v) = poses, displacement
+    return added(p, rotated(_of(q, moving), u)), turned(q, scaled(2.0, v))
+
+
+def _of(q: Parts, joints: tuple[int, ...]) -> Parts:
+    everyone = joints == tuple(range(q[0].shape[1]))
+    return q if everyone else tuple(x[:, np.asarray(joints, int)] for x in q)
+
+
+def spacing_of(times: Array | None, count: Array) -> Array | None:
+    """Time from frame to frame, 1 past the frames that count."""
+    if times is None:
+        return None
+    return jnp.where(jnp.arange(len(times) - 1) < count - 1, times[1:] - times[:-1], 1)
+
+
+def poses_of(motion: Motion) -> Poses:
+    """A motion's transforms by component, translations of its translated joints only."""
+    moving = np.asarray(motion.translated_joints, int)
+    p = jnp.asarray(motion.translations)[:, moving]
+    return parts_of(p), parts_of(quaternion.normalize(motion.rotations))
+
+
+def motion_of(poses: Poses, like: Motion, rate: float, text: str | None = None) -> Motion:
+    """A motion from transforms by component, its frame time that of ``like`` times ``rate``; joints
+    that are not translated stay where they are in ``like``."""
+    frames = len(poses[1][0])
+    still = jnp.asarray(like.translations)[:1]
+    return Motion(
+        like.skeleton,
+        spread(
+            poses[0], like.translated_joints, jnp.broadcast_to(still, (frames, *still.shape[1:]))
+        ),
+        quaternion.align_signs(together(poses[1])),
+        jnp.asarray(rate, like.dtype) * like.frame_time,
+        translated_joints=like.translated_joints,
+        frame_time_text=text,
+    )
+
+
+def spread(
+    parts: Parts, joints: tuple[int, ...], rest: Float[Array, "time joint 3"]
+) -> Float[Array, "time joint 3"]:
+    """Vectors of some joints among those of the ``rest``."""
+    some = together(parts)
+    return some if some.shape == rest.shape else rest.at[:, np.asarray(joints, int)].set(some)
+
+
+def displacement_of(parts: Poses, moving: tuple[int, ...]) -> Displacement:
+    """A displacement from vectors by component; joints that are not moving get zero."""
+    v = together(parts[1])
+    return Displacement(spread(parts[0], moving, jnp.zeros_like(v)), v, "body")
+
+
+def parts_of_displacement(displacement: Displacement, moving: tuple[int, ...]) -> Poses:
+    """The inverse of :func:`displacement_of`."""
+    u = displacement.translations[:, np.asarray(moving, int)]
+    return parts_of(u), parts_of(displacement.rotations)
+
+
+def parts_of(x: Float[AnyArray, "time joint n"]) -> Parts:
+    """f[T, J, n] to n times f[T, J]."""
+    return tuple(jnp.unstack(jnp.asarray(x), axis=-1))
+
+
+def together(parts: Parts) -> Float[Array, "time joint n"]:
+    """The inverse of :func:`parts_of`."""
+    return jnp.moveaxis(jnp.stack(parts), 0, -1)
+
+
+def check_single(motion: Motion, caller: str) -> None:
+    """``ValueError`` unless the motion is one clip."""
+    if motion.rotations.ndim != 3:
+        raise ValueError(
+            f"{caller}: the motion's rotations have shape {motion.rotations.shape}; expected one "
+            "clip (time, joint, 4); vmap over several"
+        )
+
+
+def checked_times(
+    times: Times | None, frames: int, dtype, caller: str, *, padded: bool = False
+) -> Array | None:
+    """Times in the motion's dtype, one a frame and (unless ``padded``) increasing: ``ValueError``,
+    or an error at run time for traced ones."""
+    if times is None:
+        return None
+    if np.shape(times) != (frames,):
+        raise ValueError(
+            f"{caller}: times has shape {np.shape(times)}; expected ({frames},), one a frame"
+        )
+    times = jnp.asarray(times, dtype)
+    wrong = jnp.any(~(times[1:] > times[:-1]))
+    message = f"{caller}: times must increase from frame to frame"
+    if padded:
+        return times
+    if isinstance(wrong, Tracer):
+        return eqx.error_if(times, wrong, message)
+    if bool(wrong):
+        raise ValueError(message)
+    return times

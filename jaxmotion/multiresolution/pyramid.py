@@ -1,0 +1,183 @@
+"""Multiresolution analysis (Lee & Shin 2001, §3, Eq. 11–12): a coarse base and N layers of detail.
+
+    analysis    m⁽ⁿ⁾ = R m⁽ⁿ⁺¹⁾      d⁽ⁿ⁾ = m⁽ⁿ⁺¹⁾ ⊖ E m⁽ⁿ⁾        n = N − 1, …, 0
+    synthesis   m⁽ⁿ⁺¹⁾ = E m⁽ⁿ⁾ ⊕ d⁽ⁿ⁾
+
+R smooths and halves, E subdivides (:mod:`~jaxmotion.multiresolution.levels`), ⊕ and ⊖ are in the
+body sense of :mod:`jaxmotion.displacement`: details are half-angle rotation vectors and
+translations, both in the joint's own frame. A rigid motion of the whole clip therefore moves the
+base alike and leaves the details as they are, whatever the coordinates. Synthesis undoes analysis
+to rounding.
+
+Sizes: T frames become T//2 + 1, level by level; T = 2ᴺ(k − 1) + 1 gives a base of exactly k frames,
+other T are continued by at most one frame a level and cropped again on the way back. ``lazy=True``
+skips the smoothing (the paper's lazy form): even frames have no detail, so only odd ones are
+stored, T frames and details in all instead of 2T.
+
+O(T·J), N static, one clip (vmap for several), differentiable in motion, times and details. Sharp
+bit: compiling costs one level, not N: the coarse levels run in one loop over padded arrays, only
+the two finest of a long clip are unrolled.
+"""
+
+from functools import partial
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jaxmotion._types import AnyArray, ScalarLike
+from jaxmotion.displacement import Displacement
+from jaxmotion.motion import Motion
+from jaxmotion.multiresolution.cascade import ascend, descend, level_sizes
+from jaxmotion.multiresolution.kernels import scaled, wrapped
+from jaxmotion.multiresolution.levels import coarser_spacing, level_of
+from jaxmotion.multiresolution.poses import (
+    Times,
+    check_single,
+    checked_times,
+    displacement_of,
+    minus,
+    motion_of,
+    parts_of_displacement,
+    plus,
+    poses_of,
+    spacing_of,
+)
+
+_SMALLEST_BASE = 4  # frames that a cubic needs
+_DEEPEST = 6  # default levels: 64 frames between those of the base
+
+
+class Pyramid(eqx.Module):
+    """A motion as base and details.
+
+    **Fields:** ``base``: Motion of k frames, 2ᴺ times the frame time; ``details``: N
+    Displacements in the body sense, coarse to fine, each of its level's frames (lazy: of the odd
+    ones); ``times``: f[T] of the finest level if unevenly spaced, else None; ``length``: how many
+    frames of the finest level count, None for all; ``frames``: of each level, base first, N + 1
+    numbers, static; ``skips``: how many frames each expansion drops at its front, N numbers,
+    static, 0 or (in clips that were continued at their start) 1; ``lazy``: static;
+    ``frame_time_text``: the motion's, static.
+    """
+
+    base: Motion
+    details: tuple[Displacement, ...]
+    times: Float[AnyArray, "*batch time"] | None
+    length: Int[AnyArray, "*batch"] | None
+    frames: tuple[int, ...] = eqx.field(static=True)
+    skips: tuple[int, ...] = eqx.field(static=True)
+    lazy: bool = eqx.field(static=True)
+    frame_time_text: str | None = eqx.field(static=True)
+
+    @property
+    def levels(self) -> int:
+        """N, the number of layers of detail."""
+        return len(self.details)
+
+    def reconstruct(self) -> Motion:
+        """The motion that was taken apart, to rounding; its quaternions' signs are aligned."""
+        return synthesize(self, None)
+
+
+def build_pyramid(
+    motion: Motion,
+    levels: int | None = None,
+    *,
+    times: Times | None = None,
+    lazy: bool = False,
+    length: ScalarLike | None = None,
+) -> Pyramid:
+    """Take a motion apart.
+
+    **Arguments:** ``motion``: T ≥ 1 frames; ``levels``: N, by default as many as leave a base of at
+    least 4 frames, but no more than 6; ``times``: f[T], increasing, if the frames are not evenly
+    spaced (§3.4); ``lazy``: do not smooth between levels, no extra storage; ``length``: how many
+    frames count, traced or not, when the rest is padding (any rotations; what comes out there means
+    nothing), so that one compiled function serves clips of many lengths.
+    **Returns:** :class:`Pyramid`.
+    **Raises:** ``ValueError`` for more levels than the frames allow, or times that do not fit; at
+    run time for traced times that do not increase.
+    """
+    check_single(motion, "build_pyramid")
+    levels = level_count(motion.num_frames, levels, "build_pyramid")
+    times = checked_times(
+        times, motion.num_frames, motion.dtype, "build_pyramid", padded=length is not None
+    )
+    length = None if length is None else jnp.asarray(length, int)
+    return _build(motion, levels, times, lazy, length)
+
+
+def level_count(frames: int, levels: int | None, caller: str) -> int:
+    """The number of levels for a clip: the default, or the one asked for if it is possible."""
+    sizes = level_sizes(frames)
+    if levels is None:
+        return min(_DEEPEST, sum(size >= _SMALLEST_BASE for size in sizes[1:]))
+    if not 0 <= levels < len(sizes):
+        raise ValueError(
+            f"{caller}: levels={levels}; {frames} frames can be halved 0 to {len(sizes) - 1} times"
+        )
+    return levels
+
+
+@eqx.filter_jit
+def _build(
+    motion: Motion, levels: int, times: Array | None, lazy: bool, length: Array | None
+) -> Pyramid:
+    count = jnp.asarray(motion.num_frames, int) if length is None else length
+    fine = level_of(*poses_of(motion), spacing_of(times, count), count)
+    moving = motion.translated_joints
+    coarse, details = descend(fine, levels, lazy, partial(minus, moving=moving))
+    return Pyramid(
+        base=motion_of((coarse.translations, coarse.rotations), motion, 2.0**levels),
+        details=tuple(displacement_of(d, moving) for d in details[::-1]),
+        times=times,
+        length=length,
+        frames=tuple(level_sizes(motion.num_frames, levels)[::-1]),
+        skips=(0,) * levels,
+        lazy=lazy,
+        frame_time_text=motion.frame_time_text,
+    )
+
+
+@eqx.filter_jit
+def synthesize(pyramid: Pyramid, gains: Float[Array, "level joint"] | None) -> Motion:
+    """Base ⊕ details, each level's and joint's times its gain (None: all 1)."""
+    moving = pyramid.base.translated_joints
+    details = []
+    for n, displacement in enumerate(pyramid.details):
+        if gains is None:
+            details.append(parts_of_displacement(displacement, moving))
+        else:
+            u, v = parts_of_displacement(displacement.scale(gains[n]), moving)
+            details.append((u, scaled(0.5, wrapped(scaled(2.0, v)))))
+    counts, spacings = chains(pyramid)
+    poses, _ = ascend(
+        poses_of(pyramid.base),
+        details,
+        lambda expanded, detail: (plus(expanded, detail, moving), None),
+        frames=pyramid.frames,
+        skips=pyramid.skips,
+        counts=counts,
+        spacings=spacings,
+        lazy=pyramid.lazy,
+    )
+    return motion_of(poses, pyramid.base, 0.5**pyramid.levels, pyramid.frame_time_text)
+
+
+def chains(pyramid: Pyramid) -> tuple[list[Array], list[Array] | None]:
+    """How many frames of each level count, and their spacing if uneven; base first."""
+    if pyramid.length is None:
+        counts = [jnp.asarray(n, int) for n in pyramid.frames]
+    else:
+        counts = [jnp.asarray(pyramid.length)]
+        for _ in range(pyramid.levels):
+            counts.append(counts[-1] // 2 + 1)
+        counts.reverse()
+    times = None if pyramid.times is None else jnp.asarray(pyramid.times)
+    spacing = spacing_of(times, counts[-1])
+    if spacing is None:
+        return counts, None
+    spacings = [spacing]
+    for count in counts[:0:-1]:
+        spacings.append(coarser_spacing(spacings[-1], count))
+    return counts, spacings[::-1]
