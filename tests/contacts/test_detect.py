@@ -159,7 +159,7 @@ def test_padding_does_not_matter(walk, method):
 @pytest.mark.parametrize("method", METHODS)
 def test_jit_vmap_and_single_precision(walk, method):
     points, motion = true_points(walk), walk.motion
-    want = detect(motion, method=method, points=points)
+    want = detect(motion, method=method, points=points, window=4)
 
     def f(motion):
         return detect(motion, method=method, points=points, window=4)
@@ -174,6 +174,7 @@ def test_jit_vmap_and_single_precision(walk, method):
         motion.astype(np.float32),
         method=method,
         points=jax.tree.map(lambda x: x.astype(np.float32), points),
+        window=4,
     )
     assert single.target.dtype == single.confidence.dtype == np.float32
     assert np.mean(single.mask != want.mask) < 0.01

@@ -37,10 +37,10 @@ def test_a_steady_slide_is_taken_back_exactly():
     idle = jm.samples.idle(40, fps=30.0).motion
     still = idle[np.int64(0)]
     rotations = np.repeat(still.rotations, 40, 0)
-    places = np.repeat(still.translations, 40, 0)
+    places = np.array(np.repeat(still.translations, 40, 0))
     glide = 0.01 * np.arange(40)[:, None] * np.array([1.0, 0, 0.5])
-    moving = still.with_transforms(places.copy(), rotations)
-    moving.translations[:, 0] += glide
+    places[:, 0] += glide
+    moving = still.with_transforms(places, rotations)
     contacts = replant(moving, detect(moving, tolerance=10.0))
     assert contacts.mask.all()
     clean = cleanup_root(moving, contacts)
