@@ -11,6 +11,7 @@ table of a command's name only it; what is typed on the command line wins.
 """
 
 import functools
+import os
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,6 +21,8 @@ from typing import Any
 import click
 
 from jaxmotion.cli._files import SUFFIXES
+
+NOWHERE = Path(os.devnull)
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,8 @@ def fps_option(function: Callable) -> Callable:
 
 
 def batch_options(function: Callable | None = None, *, out_required: bool = True) -> Callable:
-    """FILES, ``-o`` and how to go through them; the command is given ``batch``."""
+    """FILES, ``-o`` and how to go through them; the command is given ``batch``, whose ``out`` is
+    ``NOWHERE`` when ``-o`` may be left out and was."""
     if function is None:
         return functools.partial(batch_options, out_required=out_required)
 
@@ -164,6 +168,7 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
     )
     @functools.wraps(function)
     def command(*args, **values):
+        values["out"] = values["out"] or NOWHERE
         batch = Batch(**{name: values.pop(name) for name in Batch.__dataclass_fields__})
         return function(*args, batch=batch, **values)
 

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jaxmotion.cli._options import Batch, Running, Selection, batch_options, running_options
+from jaxmotion.cli._options import (
+    NOWHERE,
+    Batch,
+    Running,
+    Selection,
+    batch_options,
+    running_options,
+)
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -62,11 +69,11 @@ def command(
     """
     finding = partial(find, method=method, joints=joints, floor=None if no_floor else "auto")
     if restore is None:
-        if batch.out is not None:
+        if batch.out != NOWHERE:
             raise click.UsageError("say how to write to -o: --restore legs, or --restore root")
         _list(batch, running, finding, as_json)
         return
-    if batch.out is None:
+    if batch.out == NOWHERE:
         raise click.UsageError("--restore writes files: say where, with -o")
     from jaxmotion.cli._batch import edit_files
 

@@ -136,6 +136,7 @@ def test_single_precision_jit_and_vmap(skating):
     np.testing.assert_allclose(mapped.rotations[1], other.rotations, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_gradients():
     """Far from knees at full length, where a root that must move adds kinks."""
     walk = jm.samples.walk(12, fps=30.0).motion

@@ -1,6 +1,7 @@
 """Footskate cleanup by the root alone."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -34,13 +35,11 @@ def test_a_sliding_root_is_put_back(skating):
 
 def test_a_steady_slide_is_taken_back_exactly():
     """One foot planted throughout, a root that glides: nothing is left of the slide."""
-    idle = jm.samples.idle(40, fps=30.0).motion
-    still = idle[np.int64(0)]
-    rotations = np.repeat(still.rotations, 40, 0)
-    places = np.array(np.repeat(still.translations, 40, 0))
-    glide = 0.01 * np.arange(40)[:, None] * np.array([1.0, 0, 0.5])
-    places[:, 0] += glide
-    moving = still.with_transforms(places, rotations)
+    still = jm.samples.idle(40, fps=30.0).motion[0]
+    rotations = jnp.repeat(still.rotations, 40, 0)
+    places = np.array(jnp.repeat(still.translations, 40, 0))
+    places[:, 0] += 0.01 * np.arange(40)[:, None] * np.array([1.0, 0, 0.5])
+    moving = still.with_transforms(jnp.asarray(places), rotations)
     contacts = replant(moving, detect(moving, tolerance=10.0))
     assert contacts.mask.all()
     clean = cleanup_root(moving, contacts)
