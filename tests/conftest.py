@@ -15,6 +15,13 @@ if cache := os.environ.get("JAXMOTION_TEST_CACHE"):
 _BESIDE = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _compiled_code_freed():
+    """Let each module's compiled functions go: Linux allows a process 65 530 memory maps."""
+    yield
+    jax.clear_caches()
+
+
 @pytest.fixture(scope="session")
 def data_dir() -> Path:
     """Real captures: ``JAXMOTION_TEST_DATA``, else ``../shared/data`` beside the project."""

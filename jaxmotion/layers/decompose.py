@@ -105,7 +105,8 @@ def counted_weights(
     frames, joints = motion.num_frames, motion.num_joints
     counts = None
     if length is not None:
-        counts = (jnp.arange(frames) < jnp.asarray(length)).astype(motion.dtype)
+        counted = length > np.arange(frames)  # pyright: ignore[reportOperatorIssue]
+        counts = jnp.asarray(counted, motion.dtype)
     if weights is None:
         return counts
     weights = jnp.asarray(weights, motion.dtype)

@@ -31,6 +31,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmotion._numerics import safe_sqrt, series_switch
+from jaxmotion.quaternion.algebra import product, rotated
 
 Parts = tuple[Array, ...]
 
@@ -152,18 +153,6 @@ def _turned_jvp(primals, tangents):
     return result, fenced(change, q, v, result, dq, dv)
 
 
-def product(a: Parts, b: Parts) -> Parts:
-    """Hamilton's a ⊗ b."""
-    w, x, y, z = a
-    W, X, Y, Z = b
-    return (
-        w * W - x * X - y * Y - z * Z,
-        w * X + x * W + y * Z - z * Y,
-        w * Y - x * Z + y * W + z * X,
-        w * Z + x * Y - y * X + z * W,
-    )
-
-
 def conjugate(q: Parts) -> Parts:
     """q̄."""
     w, x, y, z = q
@@ -195,15 +184,3 @@ def added(a: Parts, b: Parts) -> Parts:
 def scaled(factor: Array | float, v: Parts) -> Parts:
     """factor · v."""
     return tuple(factor * x for x in v)
-
-
-def rotated(q: Parts, v: Parts) -> Parts:
-    """q v q̄."""
-    w, x, y, z = q
-    a, b, c = v
-    d, e, f = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
-    return (
-        a + w * d + y * f - z * e,
-        b + w * e + z * d - x * f,
-        c + w * f + x * e - y * d,
-    )

@@ -34,12 +34,12 @@ from jaxmotion.multiresolution.kernels import (
     added,
     conjugate,
     dot,
-    product,
     scaled,
     step,
     turned,
 )
 from jaxmotion.multiresolution.masks import divided_difference
+from jaxmotion.quaternion.algebra import product
 
 
 class Level(NamedTuple):

@@ -16,11 +16,11 @@ from jaxmotion.multiresolution.kernels import (
     Parts,
     added,
     conjugate,
-    rotated,
     scaled,
     step,
     turned,
 )
+from jaxmotion.quaternion.algebra import rotated
 
 Times: TypeAlias = Float[AnyArray, " time"]
 Poses: TypeAlias = tuple[Parts, Parts]

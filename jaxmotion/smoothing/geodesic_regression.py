@@ -45,11 +45,11 @@ from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
 from jaxmotion.linalg.block_banded import block_banded_factor, block_banded_selected_inverse
 from jaxmotion.linalg.least_squares import BlockBandedCholesky, GaussNewton, probe_blocks
 from jaxmotion.smoothing.design import Observations, observe
+from jaxmotion.smoothing.outliers import BEND
 from jaxmotion.smoothing.rotations import smooth_quaternions
 from jaxmotion.smoothing.tangent import component_first, inverse_jacobian, relative
 
 _MAX_STEPS = 256
-_TUNING = {"huber": 1.345, "cauchy": 2.385}
 
 
 class _Problem(eqx.Module):
@@ -107,7 +107,7 @@ class _Problem(eqx.Module):
         u = weights * jnp.sum(misfit**2, axis=1) / self.sigma**2
         if self.loss == "l2":
             return weights[:, None], jnp.zeros_like(u)
-        k = _TUNING[self.loss]
+        k = BEND[self.loss]
         if self.loss == "huber":
             inside = u <= k * k
             root = jnp.sqrt(jnp.where(inside, 1.0, u))
@@ -252,7 +252,7 @@ def geodesic(
     q = jnp.asarray(q)
     if q.ndim < 2 or q.shape[-1] != 4:
         raise ValueError(f"geodesic: q must have shape (Nd, J, 4) or (Nd, 4), got {q.shape}")
-    if loss not in ("l2", *_TUNING):
+    if loss not in ("l2", *BEND):
         raise ValueError(f"geodesic: loss={loss!r}; expected 'l2', 'huber' or 'cauchy'")
     joints = q.shape[1:-1]
     seen, faults = observe(index, num_frames, weights, q.shape[:-1], q.dtype, null_space=order)

@@ -40,7 +40,8 @@ Loss: TypeAlias = Literal["huber", "cauchy"]
 
 _ROUNDS = 4
 _LEAST = 0.1
-_BEND = {"huber": 1.345, "cauchy": 2.385}
+# Where each loss bends, in standard deviations.
+BEND = {"huber": 1.345, "cauchy": 2.385}
 # Median length of a standard normal vector of 1, 2 and 3 components; unit quaternions move in 3.
 _MEDIAN_LENGTH = (0.6745, 1.1774, 1.5382)
 _AWAY = 3.0
@@ -64,7 +65,7 @@ def outlier_weights(
     joint, the lesser of its rotation's and its translation's.
     **Raises:** ``ValueError`` for an unknown loss or shape; as ``lgs`` for bad data.
     """
-    if loss not in _BEND:
+    if loss not in BEND:
         raise ValueError(f"outlier_weights: loss={loss!r}; expected 'huber' or 'cauchy'")
     if isinstance(y, Motion):
         rotations, translations = jnp.asarray(y.rotations), jnp.asarray(y.translations)
@@ -133,7 +134,7 @@ def _trust(
     usual = jnp.maximum(jnp.nanmedian(used, axis=0), jnp.nan_to_num(_median_around(used)))
     usual = usual / _MEDIAN_LENGTH[min(y.shape[-1], 3) - 1]
     scale = jnp.maximum(usual, _STEPS * jnp.nan_to_num(_median_around(step)))
-    u = distance / (_BEND[loss] * jnp.maximum(scale, rounding))
+    u = distance / (BEND[loss] * jnp.maximum(scale, rounding))
     trust = 1 / (1 + u * u) if loss == "cauchy" else 1 / jnp.maximum(u, 1)
     return jnp.where(trust < _LEAST, 0, trust)
 
