@@ -5,7 +5,7 @@ from jaxmotion.multiresolution.filters import filter_motion, orientation_filter,
 from jaxmotion.multiresolution.masks import band_pass_mask, binomial_mask, smoothing_mask
 from jaxmotion.multiresolution.operations import blend, level_of_detail, scale_details
 from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid
-from jaxmotion.multiresolution.stitching import follow, stitch
+from jaxmotion.multiresolution.stitching import best_cut, follow, stitch
 from jaxmotion.multiresolution.subdivision import (
     coarser_times,
     downsample,
@@ -18,6 +18,7 @@ __all__ = [
     "CompressedMotion",
     "Pyramid",
     "band_pass_mask",
+    "best_cut",
     "binomial_mask",
     "blend",
     "build_pyramid",

@@ -161,7 +161,7 @@ def conjugate(q: Parts) -> Parts:
 
 def own_turn(q: Parts, dq: Parts) -> Parts:
     """δ = 2 vec(q̄ dq)."""
-    return scaled(2, product(conjugate(q), dq)[1:])
+    return scaled(2.0, product(conjugate(q), dq)[1:])
 
 
 def dot(a: Parts, b: Parts) -> Array:

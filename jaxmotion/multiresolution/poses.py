@@ -96,12 +96,12 @@ def parts_of_displacement(displacement: Displacement, moving: tuple[int, ...]) -
     return parts_of(u), parts_of(displacement.rotations)
 
 
-def parts_of(x: Float[AnyArray, "time joint n"]) -> Parts:
-    """f[T, J, n] to n times f[T, J]."""
+def parts_of(x: Float[AnyArray, "*rest n"]) -> Parts:
+    """f[..., n] to n times f[...]."""
     return tuple(jnp.unstack(jnp.asarray(x), axis=-1))
 
 
-def together(parts: Parts) -> Float[Array, "time joint n"]:
+def together(parts: Parts) -> Float[Array, "*rest n"]:
     """The inverse of :func:`parts_of`."""
     return jnp.moveaxis(jnp.stack(parts), 0, -1)
 

@@ -1,0 +1,72 @@
+"""Steps and turns by component, against the quaternion room and finite differences."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxmotion import quaternion
+from jaxmotion.multiresolution.kernels import step, turned, wrapped
+from jaxmotion.multiresolution.poses import parts_of, together
+from tests.helpers import (
+    assert_finite_derivatives,
+    check_gradients,
+    random_quaternions,
+    random_vectors,
+)
+
+
+@jax.jit
+def _step(a, b):
+    return together(step(parts_of(a), parts_of(b)))
+
+
+@jax.jit
+def _turned(q, v):
+    return together(turned(parts_of(q), wrapped(parts_of(v))))
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-3, 1.0, 3.14159])
+def test_they_are_log_and_exp(scale, dtype):
+    rng = np.random.default_rng(0)
+    eps = np.finfo(dtype).eps
+    q = random_quaternions(rng, (40, 3))
+    v = np.asarray(random_vectors(rng, (40, 3)))
+    v = scale * v / np.linalg.norm(v, axis=-1, keepdims=True)
+    after = _turned(q.astype(dtype), v.astype(dtype))
+    assert after.dtype == dtype
+    want = quaternion.multiply(q, quaternion.exp(v))
+    np.testing.assert_allclose(after, want, atol=8 * eps)
+    back = np.asarray(_step(q.astype(dtype), (-want).astype(dtype)), np.float64)
+    sign = np.sign(np.sum(back * v, -1, keepdims=True))
+    np.testing.assert_allclose(np.where(scale > 3, sign, 1) * back, v, atol=40 * eps)
+
+
+def test_long_vectors_are_wrapped():
+    rng = np.random.default_rng(1)
+    q, v = random_quaternions(rng, (50, 1)), 20 * random_vectors(rng, (50, 1))
+    want = quaternion.multiply(q, quaternion.exp(v))
+    got = _turned(q, v)
+    sign = np.sign(np.sum(got * want, -1, keepdims=True))
+    np.testing.assert_allclose(sign * got, want, atol=1e-13)
+    assert np.linalg.norm(together(wrapped(parts_of(v))), axis=-1).max() <= np.pi + 1e-12
+
+
+def test_derivatives():
+    rng = np.random.default_rng(2)
+    a = random_quaternions(rng, (4, 2))
+    v = 1.1 * random_vectors(rng, (4, 2))
+    unit = quaternion.normalize
+    check_gradients(lambda a, b: _step(unit(a), unit(b)), a, _turned(a, v))
+    check_gradients(lambda a, v: _turned(unit(a), v), a, v)
+
+
+def test_derivatives_are_finite_at_rest_and_at_half_a_turn():
+    identity = jnp.asarray([[[1.0, 0, 0, 0]]])
+    half = jnp.asarray([[[0.0, 1, 0, 0]]])
+    zero = jnp.zeros((1, 1, 3))
+    for a, b in ((identity, identity), (identity, half), (identity, -identity)):
+        assert_finite_derivatives(_step, a, b)
+    for v in (zero, zero.at[..., 0].set(np.pi), zero.at[..., 1].set(2 * np.pi)):
+        (_, by_v) = assert_finite_derivatives(_turned, identity, v)
+    assert np.abs(by_v).max() > 0.1
