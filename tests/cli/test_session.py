@@ -25,6 +25,16 @@ def test_cache_folder(monkeypatch, tmp_path):
     assert _session.cache_folder().name == "jaxmotion"
 
 
+@pytest.mark.parametrize(("release", "given"), [("0.10.2", True), ("0.99.0", False)])
+def test_flags_that_end_the_process_go_to_releases_that_know_them(monkeypatch, release, given):
+    monkeypatch.setenv("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=true")
+    monkeypatch.setattr(_session.metadata, "version", lambda name: release)
+    _session._generate_plain_code()
+    mine, *users = os.environ["XLA_FLAGS"].rsplit(maxsplit=1)
+    assert (mine == _session._PLAIN_CODE) == given
+    assert (users or [mine]) == ["--xla_cpu_use_fusion_emitters=true"]
+
+
 @pytest.mark.parametrize(("kept", "text"), [(True, "compiling (first run only)"), (False, "comp")])
 def test_notice_while_compiling(monkeypatch, capfd, notice_class, kept, text):
     monkeypatch.setattr(_session, "_PATIENCE", 0.05)
