@@ -1,8 +1,9 @@
 """All levels in turn: down by R with what each leaves out, up by E with what each is given.
 
 The finest levels of a long clip are compiled for their own sizes; all others run as one loop over
-arrays padded to the largest, each with its own count of frames. That costs up to a quarter of a
-clip's work a level, and compiling costs three levels at most however many there are.
+arrays padded to the largest, each with its own count of frames. That costs up to an eighth of a
+clip's work a level, and compiling costs four levels at most however many there are. A gradient
+runs the loop again rather than keep what it went through.
 """
 
 from collections.abc import Callable
@@ -23,7 +24,7 @@ from jaxmotion.multiresolution.levels import (
 )
 from jaxmotion.multiresolution.poses import Poses
 
-_LONG, _UNROLLED = 256, 2
+_LONG, _UNROLLED = 256, 3
 
 
 def level_sizes(frames: int, levels: int | None = None) -> list[int]:
@@ -64,6 +65,7 @@ def descend(
             coarse, description = halved(level)
             return _padded_level(coarse, rows), description
 
+        again = jax.checkpoint(again, prevent_cse=False)
         fine, stacked = jax.lax.scan(again, fine, None, levels - unrolled)
         for k, size in enumerate(sizes[unrolled:-1]):
             size = size // 2 if lazy else size
@@ -146,7 +148,7 @@ def ascend(
 
         poses = jax.tree.map(lambda x: _fitted(x, rows), poses)
         inputs = stack, jnp.stack(counts[:looped]), np.asarray(skips[:looped], int), h, fine_h
-        poses, results = jax.lax.scan(again, poses, inputs)
+        poses, results = jax.lax.scan(jax.checkpoint(again, prevent_cse=False), poses, inputs)
         kept = [jax.tree.map(lambda x, n=n: x[n], results) for n in range(looped)]
     for n in range(looped, levels):
         h = fine_h = None

@@ -18,8 +18,9 @@ from u = vec(a⁻¹b) and w = |cos(θ/2)| by two half-angle steps, ω = ±2(1 �
 
 Sharp bits: quaternions must be unit, v no longer than 2π (:func:`wrapped`). XLA fuses elementwise
 chains without limit on a CPU, and computes what several consumers share once for each, which makes
-a gradient explode in time and code; it does not fuse across a branch, so both operations and their
-derivatives are branches of a condition that always holds (:func:`fenced`).
+a gradient explode in time and code; it does not fuse across a branch, so all operations and their
+derivatives are branches of a condition that always holds (:func:`fenced`). Derivatives have
+transposes of their own (:func:`linear`), fed by arguments and results and nothing else.
 """
 
 from collections.abc import Callable
@@ -87,16 +88,94 @@ def _polynomial(coefficients: np.ndarray, x: Array) -> Array:
 def _step_jvp(primals, tangents):
     (a, b), (da, db) = primals, tangents
     omega = step(a, b)
+    return omega, linear(_step_change, _step_pull, (a, b, omega), (da, db))
 
-    def change(a, b, omega, da, db):
-        before, after = own_turn(a, da), own_turn(b, db)
-        difference = tuple(v - u for u, v in zip(before, after, strict=True))
-        mean = tuple(0.5 * (u + v) for u, v in zip(before, after, strict=True))
-        twice = cross(omega, cross(omega, difference))
-        bent = scaled(_inverse_jacobian_factor(dot(omega, omega)), twice)
-        return added(added(difference, cross(omega, mean)), bent)
 
-    return omega, fenced(change, a, b, omega, da, db)
+def _step_change(a: Parts, b: Parts, omega: Parts, da: Parts, db: Parts) -> Parts:
+    before, after = own_turn(a, da), own_turn(b, db)
+    difference = tuple(v - u for u, v in zip(before, after, strict=True))
+    mean = tuple(0.5 * (u + v) for u, v in zip(before, after, strict=True))
+    twice = cross(omega, cross(omega, difference))
+    bent = scaled(_inverse_jacobian_factor(dot(omega, omega)), twice)
+    return added(added(difference, cross(omega, mean)), bent)
+
+
+def _step_pull(a: Parts, b: Parts, omega: Parts, pull: Parts) -> tuple[Parts, Parts]:
+    once = cross(omega, pull)
+    twice = scaled(_inverse_jacobian_factor(dot(omega, omega)), cross(omega, once))
+    even, odd = added(pull, twice), scaled(0.5, once)
+    before = tuple(-x - y for x, y in zip(even, odd, strict=True))
+    after = tuple(x - y for x, y in zip(even, odd, strict=True))
+    return own_pull(a, before), own_pull(b, after)
+
+
+@jax.custom_jvp
+def steps(q: Parts) -> Parts:
+    """ω = log(q_i⁻¹q_{i+1}), f[T − 1, J]; neighbours are only taken apart inside the fence."""
+    return fenced(lambda q: _step(*neighbours(q)), q)
+
+
+@steps.defjvp
+def _steps_jvp(primals, tangents):
+    (q,), (dq,) = primals, tangents
+    omega = steps(q)
+
+    def change(q, omega, dq):
+        return _step_change(*neighbours(q), omega, *neighbours(dq))
+
+    def pull(q, omega, pull):
+        return (joined_neighbours(*_step_pull(*neighbours(q), omega, pull)),)
+
+    return omega, linear(change, pull, (q, omega), (dq,))
+
+
+@jax.custom_jvp
+def midpoints(q: Parts) -> Parts:
+    """slerp_½(q_i, q_{i+1}) = (q_i ± q_{i+1})/‖q_i ± q_{i+1}‖, the short way round: f[T − 1, J]."""
+
+    def midpoint(q):
+        a, b = neighbours(q)
+        sign, scale = _midpoint_scale(a, b)
+        return tuple((x + sign * y) * scale for x, y in zip(a, b, strict=True))
+
+    return fenced(midpoint, q)
+
+
+@midpoints.defjvp
+def _midpoints_jvp(primals, tangents):
+    (q,), (dq,) = primals, tangents
+    middle = midpoints(q)
+
+    def change(q, middle, dq):
+        sign, scale = _midpoint_scale(*neighbours(q))
+        moved = tuple(scale * (x + sign * y) for x, y in zip(*neighbours(dq), strict=True))
+        return added(moved, scaled(-dot(middle, moved), middle))
+
+    def pull(q, middle, pull):
+        sign, scale = _midpoint_scale(*neighbours(q))
+        level = scaled(scale, added(pull, scaled(-dot(middle, pull), middle)))
+        return (joined_neighbours(level, scaled(sign, level)),)
+
+    return middle, linear(change, pull, (q, middle), (dq,))
+
+
+def _midpoint_scale(a: Parts, b: Parts) -> tuple[Array, Array]:
+    cosine = dot(a, b)
+    sign = jnp.where(cosine < 0, -1.0, 1.0).astype(cosine.dtype)
+    return sign, jax.lax.rsqrt(2 + 2 * jnp.abs(cosine))
+
+
+def neighbours(q: Parts) -> tuple[Parts, Parts]:
+    """All frames but the last, and all but the first."""
+    return tuple(x[:-1] for x in q), tuple(x[1:] for x in q)
+
+
+def joined_neighbours(a: Parts, b: Parts) -> Parts:
+    """The transpose of :func:`neighbours`."""
+    return tuple(
+        jnp.pad(x, ((0, 1), (0, 0))) + jnp.pad(y, ((1, 0), (0, 0)))
+        for x, y in zip(a, b, strict=True)
+    )
 
 
 def _inverse_jacobian_factor(x: Array) -> Array:
@@ -138,19 +217,59 @@ def wrapped(v: Parts) -> Parts:
 def _turned_jvp(primals, tangents):
     (q, v), (dq, dv) = primals, tangents
     result = turned(q, v)
+    return result, linear(_turned_change, _turned_pull, (q, v, result), (dq, dv))
 
-    def change(q, v, result, dq, dv):
-        x = dot(v, v)
-        c, s = _half_angle(x)
-        far = x > series_switch(x.dtype)
-        near = 1 / 6 - x * (1 / 120 - x / 5040)
-        k = jnp.where(far, (1 - 2 * s * c) / jnp.where(far, x, 1), near)
-        once = cross(v, dv)
-        moved = added(dv, added(scaled(-2 * s * s, once), scaled(k, cross(v, once))))
-        spin = added(rotated(conjugate((c, *scaled(s, v))), own_turn(q, dq)), moved)
-        return scaled(0.5, product(result, (jnp.zeros_like(x), *spin)))
 
-    return result, fenced(change, q, v, result, dq, dv)
+def _turned_change(q: Parts, v: Parts, result: Parts, dq: Parts, dv: Parts) -> Parts:
+    c, s, k = _right_jacobian(v)
+    once = cross(v, dv)
+    moved = added(dv, added(scaled(-2 * s * s, once), scaled(k, cross(v, once))))
+    spin = added(rotated(conjugate((c, *scaled(s, v))), own_turn(q, dq)), moved)
+    return scaled(0.5, product(result, (jnp.zeros_like(c), *spin)))
+
+
+def _turned_pull(q: Parts, v: Parts, result: Parts, pull: Parts) -> tuple[Parts, Parts]:
+    c, s, k = _right_jacobian(v)
+    spin = scaled(0.5, product(conjugate(result), pull)[1:])
+    once = cross(v, spin)
+    by_v = added(spin, added(scaled(2 * s * s, once), scaled(k, cross(v, once))))
+    return own_pull(q, rotated((c, *scaled(s, v)), spin)), by_v
+
+
+def _right_jacobian(v: Parts) -> tuple[Array, Array, Array]:
+    """c, s and k of Jr(v)."""
+    x = dot(v, v)
+    c, s = _half_angle(x)
+    far = x > series_switch(x.dtype)
+    near = 1 / 6 - x * (1 / 120 - x / 5040)
+    return c, s, jnp.where(far, (1 - 2 * s * c) / jnp.where(far, x, 1), near)
+
+
+def linear(change: Callable, pull: Callable, at: tuple, tangents: tuple) -> Any:
+    """change(*at, *tangents), linear in the tangents, whose transpose is pull(*at, cotangents).
+
+    Left to JAX, the transpose is fed by dozens of stored intermediates. It takes one from its
+    user only for a linear solve, so this is one: y − L x = 0, x = t.
+    """
+
+    def system(unknown):
+        y, x = unknown
+        return jax.tree.map(jnp.subtract, y, change(*at, *x)), x
+
+    def solve(_, known):
+        return fenced(change, *at, *known[1]), known[1]
+
+    def solve_transposed(_, known):
+        y, x = known
+        return y, jax.tree.map(jnp.add, x, fenced(pull, *at, y))
+
+    # Zero, but of the tangents as well: all or none of what is known must be.
+    total = jnp.sum(jax.tree.leaves(tangents)[0])
+    zero = jnp.where(False, total, jnp.zeros_like(total))
+    shapes = jax.eval_shape(change, *at, *tangents)
+    nothing = jax.tree.map(lambda x: jnp.broadcast_to(zero, x.shape), shapes)
+    known = (nothing, tangents)
+    return jax.lax.custom_linear_solve(system, known, solve, solve_transposed)[0]
 
 
 def conjugate(q: Parts) -> Parts:
@@ -162,6 +281,11 @@ def conjugate(q: Parts) -> Parts:
 def own_turn(q: Parts, dq: Parts) -> Parts:
     """δ = 2 vec(q̄ dq)."""
     return scaled(2.0, product(conjugate(q), dq)[1:])
+
+
+def own_pull(q: Parts, turn: Parts) -> Parts:
+    """The transpose of :func:`own_turn`."""
+    return scaled(2.0, product(q, (jnp.zeros_like(turn[0]), *turn)))
 
 
 def dot(a: Parts, b: Parts) -> Array:

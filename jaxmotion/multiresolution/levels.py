@@ -33,9 +33,10 @@ from jaxmotion.multiresolution.kernels import (
     Parts,
     added,
     conjugate,
-    dot,
+    midpoints,
+    neighbours,
     scaled,
-    step,
+    steps,
     turned,
 )
 from jaxmotion.multiresolution.masks import divided_difference
@@ -59,8 +60,7 @@ def level_of(translations: Parts, rotations: Parts, spacing: Array | None, count
     """Poses with their steps."""
     real = jnp.arange(translations[0].shape[0] - 1)[:, None] < count - 1
     moves = tuple(jnp.where(real, x[1:] - x[:-1], 0) for x in translations)
-    omega = step(tuple(x[:-1] for x in rotations), tuple(x[1:] for x in rotations))
-    turns = tuple(jnp.where(real, x, 0) for x in omega)
+    turns = tuple(jnp.where(real, x, 0) for x in steps(rotations))
     return Level(translations, rotations, moves, turns, spacing, count)
 
 
@@ -105,13 +105,13 @@ def reduced(fine: Level, *, smooth: bool = True) -> Level:
         rows = p[0].shape[0]
         weights = _reduction_weights(fine.spacing, fine.count, rows, p[0].dtype)
 
-        def change(steps: Parts) -> Parts:
+        def change(turns: Parts) -> Parts:
             return tuple(
                 sum(
                     (w * x[m : m + 2 * rows - 1 : 2] for m, w in enumerate(weights)),
                     start=jnp.zeros((), x.dtype),
                 )
-                for x in (_mirrored(s, fine.count) for s in steps)
+                for x in (_mirrored(s, fine.count) for s in turns)
             )
 
         p, q = added(p, change(fine.moves)), turned(q, change(fine.turns))
@@ -122,17 +122,16 @@ def odd_frames(coarse: Level, fine_spacing: Array | None) -> tuple[Parts, Parts]
     """E's new poses, one between each two: f[K − 1, J] of a level of K frames; ``fine_spacing``
     f[2(K − 1)] of the frames that come out, :func:`continued`, if uneven."""
     p = tuple(x[:-1] for x in coarse.translations)
-    a, b = (tuple(x[i : i + p[0].shape[0]] for x in coarse.rotations) for i in (0, 1))
     if fine_spacing is None:
-        tau, middle = 0.5, _midpoint(a, b)
+        tau, middle = 0.5, midpoints(coarse.rotations)
         weights = (1 / 16, 0.0, -1 / 16)
         ends = _even_ends(coarse.count, p[0].dtype)
     else:
         tau, weights, ends = _uneven_weights(coarse, fine_spacing)
-        middle = turned(a, scaled(tau, coarse.turns))
+        middle = turned(neighbours(coarse.rotations)[0], scaled(tau, coarse.turns))
 
-    def correction(steps: Parts) -> Parts:
-        extended = (_extended(x, coarse.count - 1, ends) for x in steps)
+    def correction(turns: Parts) -> Parts:
+        extended = (_extended(x, coarse.count - 1, ends) for x in turns)
         return tuple(
             sum((w * x[m : m + len(x) - 2] for m, w in enumerate(weights)), jnp.zeros((), x.dtype))
             for x in extended
@@ -196,14 +195,6 @@ def _reduction_weights(spacing: Array | None, count: Array, rows: int, dtype) ->
     a = -divided_difference(jnp.stack(knots, axis=1) / mean[:, None])
     left, right = a[:, 0], a[:, 4]
     return [b[:, None] for b in (-left, -left - a[:, 1], a[:, 3] + right, right)]
-
-
-def _midpoint(a: Parts, b: Parts) -> Parts:
-    """slerp_½(a, b) = (a ± b)/‖a ± b‖, the short way round."""
-    cosine = dot(a, b)
-    sign = jnp.where(cosine < 0, -1.0, 1.0).astype(cosine.dtype)
-    scale = jax.lax.rsqrt(2 + 2 * jnp.abs(cosine))
-    return tuple((x + sign * y) * scale for x, y in zip(a, b, strict=True))
 
 
 def _extended(steps: Array, real: Array, ends: tuple[Array, Array]) -> Array:

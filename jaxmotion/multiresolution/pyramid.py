@@ -16,7 +16,7 @@ stored, T frames and details in all instead of 2T.
 
 O(T·J), N static, one clip (vmap for several), differentiable in motion, times and details. Sharp
 bit: compiling costs one level, not N: the coarse levels run in one loop over padded arrays, only
-the two finest of a long clip are unrolled.
+the three finest of a long clip are unrolled.
 """
 
 from functools import partial
