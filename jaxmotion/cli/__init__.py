@@ -12,6 +12,7 @@ never waits for them.
 | ``_files`` | files, folders and globs in; where each output goes |
 | ``_batch`` | files through an edit: processes, progress, failures, summary |
 | ``_work`` | one file through an edit |
+| ``_joining`` | several clips into one file |
 | ``_session`` | float64, the compile cache, the notice while compiling |
 | ``_progress``, ``_report`` | what is told on the way, and at the end |
 

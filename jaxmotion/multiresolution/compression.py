@@ -53,7 +53,7 @@ class CompressedMotion(eqx.Module):
     """
 
     base: Motion
-    codes: tuple[tuple[Int[np.ndarray, "odd moving 3"], Int[np.ndarray, "odd joint 3"]], ...]
+    codes: tuple[tuple[Int[np.ndarray, "_ moving 3"], Int[np.ndarray, "_ joint 3"]], ...]
     steps: tuple[float, float]
     times: Float[AnyArray, " time"] | None
     num_bytes: int = eqx.field(static=True)
@@ -87,8 +87,8 @@ class CompressedMotion(eqx.Module):
 def compress(
     motion: Motion,
     *,
-    rotation_tolerance: float,
-    translation_tolerance: float,
+    rotation_tolerance: float | int,
+    translation_tolerance: float | int,
     levels: int | None = None,
     times: Times | None = None,
 ) -> CompressedMotion:

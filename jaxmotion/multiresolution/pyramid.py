@@ -76,7 +76,7 @@ class Pyramid(eqx.Module):
 
     def reconstruct(self) -> Motion:
         """The motion that was taken apart, to rounding; its quaternions' signs are aligned."""
-        return synthesize(self, None)
+        return synthesize(self, jnp.ones((self.levels, self.base.num_joints), self.base.dtype))
 
 
 def build_pyramid(
@@ -140,16 +140,13 @@ def _build(
 
 
 @eqx.filter_jit
-def synthesize(pyramid: Pyramid, gains: Float[Array, "level joint"] | None) -> Motion:
-    """Base ⊕ details, each level's and joint's times its gain (None: all 1)."""
+def synthesize(pyramid: Pyramid, gains: Float[Array, "level joint"]) -> Motion:
+    """Base ⊕ details, each level's and joint's times its gain."""
     moving = pyramid.base.translated_joints
     details = []
     for n, displacement in enumerate(pyramid.details):
-        if gains is None:
-            details.append(parts_of_displacement(displacement, moving))
-        else:
-            u, v = parts_of_displacement(displacement.scale(gains[n]), moving)
-            details.append((u, scaled(0.5, wrapped(scaled(2.0, v)))))
+        u, v = parts_of_displacement(displacement.scale(gains[n]), moving)
+        details.append((u, scaled(0.5, wrapped(scaled(2.0, v)))))
     counts, spacings = chains(pyramid)
     poses, _ = ascend(
         poses_of(pyramid.base),

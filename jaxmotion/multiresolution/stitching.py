@@ -9,9 +9,14 @@ what is finer changes hands within its own time. (The printed indices run past A
 A clip whose length does not halve evenly is continued by a frame at a level (L3 of
 :mod:`~jaxmotion.multiresolution.levels`): A at its start, B at its end, so the seam lies on a frame
 of every level. B is first moved rigidly in the ground plane to stand where A ends, and on request
-both are cut where they agree best: the pair of frames (i, j) with the least mean pose distance over
-frames i + k, j + k, |k| ≤ 2, which weighs velocities too. Contacts are not kept: repair them
-afterwards. O(T·J), differentiable in the clips (not in the choice of the cut).
+both are cut where the joint shows least: the pair of frames (i, j) with the smallest
+
+    max(peak of |a| in A before i, in B after j)  +  |Δpose/τ² , Δv/τ , Δa|
+
+an estimate of the largest acceleration about the seam: what the clips have there of their own, and
+what a transition of τ = ¼ s must add; v, a angular velocities and accelerations of the joints, |·|
+root mean squares over them. Contacts are not kept: repair them afterwards. O(T·J), differentiable
+in the clips (not in the choice of the cut).
 """
 
 from collections.abc import Sequence
@@ -30,11 +35,10 @@ from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.cascade import level_sizes
 from jaxmotion.multiresolution.operations import with_moving_joints
 from jaxmotion.multiresolution.poses import check_single
-from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid, synthesize
-from jaxmotion.timing import pose_distance
+from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid
 
 _HALF_TRANSITION = 0.5  # seconds
-_AROUND = 2  # frames beside a cut that are compared too
+_BESIDE = 0.25  # seconds about a cut that are looked at
 
 
 def stitch(
@@ -50,7 +54,7 @@ def stitch(
     a transition takes about 2·2ᴺ frames; by default the power of two that is nearest to half a
     second (which needs a concrete frame time), or less if a clip is short; ``align``: move each
     clip in the ground plane (:func:`follow`) to where the one before it ends; ``search``: drop up
-    to so many frames on either side of a seam to cut where the clips agree (:func:`best_cut`).
+    to so many frames on either side of a seam to cut where it shows least (:func:`best_cut`).
     **Returns:** T_A + T_B − 1 + T_C − 1 … frames, less what the search dropped.
     **Raises:** ``ValueError`` for no clips, clips of different skeletons or frame times, or a
     search in traced clips.
@@ -63,44 +67,73 @@ def stitch(
     for clip in others:
         _check_pair(first, clip)
     moving = tuple(sorted({j for m in motions for j in m.translated_joints}))
-    if levels is None:
-        levels = _default_levels(motions)
     joined = with_moving_joints(first, moving)
     for clip in others:
         if search:
             end, start = best_cut(joined, clip, search)
             joined, clip = joined[: joined.num_frames - end], clip[start:]
-        joined = _stitch(joined, with_moving_joints(clip, moving), levels, align)
+        depth = _default_levels(joined, clip) if levels is None else levels
+        joined = _stitch(joined, with_moving_joints(clip, moving), depth, align)
     return joined
 
 
 def best_cut(first: Motion, second: Motion, search: int) -> tuple[int, int]:
     """How many frames to drop at the end of ``first`` and at the start of ``second`` so that the
-    clips agree best: at most ``search`` of each, and at most half of a clip.
+    seam shows least: at most ``search`` of each, and at most half of a clip.
 
-    Poses are compared by the local rotations of all joints but the root, whose place and heading
-    :func:`follow` sees to. O(search²·J), not traceable.
+    The root, whose place and heading :func:`follow` sees to, is not compared, but its own
+    acceleration counts. O(search²·J), not traceable.
 
     **Raises:** ``ValueError`` for clips of different skeletons, traced clips or a negative search.
     """
     _check_pair(first, second)
-    if search < 0 or isinstance(first.rotations, Tracer) or isinstance(second.rotations, Tracer):
+    traced = (first.rotations, second.rotations, first.frame_time)
+    if search < 0 or any(isinstance(x, Tracer) for x in traced):
         raise ValueError(f"best_cut: search={search}; expected 0 or more, and clips not traced")
-    joints = slice(1 if first.num_joints > 1 else 0, None)
+    beside = round(_BESIDE / float(first.frame_time))
     rows, columns = (min(search, m.num_frames // 2) + 1 for m in (first, second))
-    ends = np.asarray(first.rotations)[-rows - _AROUND :, joints]
-    starts = np.asarray(second.rotations)[: columns + _AROUND, joints]
-    distance = np.asarray(pose_distance(ends, starts))
-    before = len(ends) - rows  # frames of context
-    total, number = np.zeros((2, rows, columns))
-    for k in range(-_AROUND, _AROUND + 1):
-        i, j = np.arange(rows) + before + k, np.arange(columns) + k
-        there = np.ix_((i >= 0) & (i < len(ends)), (j >= 0) & (j < len(starts)))
-        known = distance[np.ix_(i[(i >= 0) & (i < len(ends))], j[(j >= 0) & (j < len(starts))])]
-        total[there] += known
-        number[there] += 1
-    i, j = np.unravel_index(np.argmin(total / number), total.shape)
+    *ends, peak = _kinetics(first[-(rows + beside) :])
+    *starts, other = _kinetics(second[: columns + beside])
+    last = len(peak) - rows
+    before = [peak[max(last + i - beside, 0) : last + i + 1].max() for i in range(rows)]
+    after = [other[j : j + beside + 1].max() for j in range(columns)]
+    q, v, a = (x[-rows:] for x in ends)
+    r, w, b = (x[:columns] for x in starts)
+    added = _apart(q, r) / _BESIDE**4 + _squares_apart(v, w) / _BESIDE**2 + _squares_apart(a, b)
+    shown = np.maximum.outer(before, after) + np.sqrt(added)
+    i, j = np.unravel_index(np.argmin(shown), shown.shape)
     return rows - 1 - int(i), int(j)
+
+
+def _kinetics(motion: Motion) -> tuple[np.ndarray, ...]:
+    """Rotations of the joints but the root f64[T, J, 4], their angular velocities and accelerations
+    f64[T, 3J], each the last axis of one frame, over √J, and the size of the acceleration f64[T]
+    with the root's."""
+    q = np.asarray(motion.rotations, np.float64)
+    frames, joints = q.shape[:2]
+    step = quaternion.log(quaternion.between(jnp.asarray(q[:-1]), jnp.asarray(q[1:])))
+    v = np.asarray(step, np.float64) / float(motion.frame_time)
+    if frames < 2:
+        v = np.zeros((1, joints, 3))
+    a = np.diff(v, axis=0) / float(motion.frame_time) if frames > 2 else 0 * v[:1]
+    a = np.concatenate([a[:1], a, a[-1:]])[:frames]
+    v = 0.5 * (np.concatenate([v[:1], v]) + np.concatenate([v, v[-1:]]))[:frames]
+    size = np.sqrt(np.mean(np.sum(a * a, axis=-1), axis=-1))
+    some = slice(1 if joints > 1 else 0, None)
+    flat = (x[:, some].reshape(len(x), -1) / np.sqrt(q[:, some].shape[1]) for x in (v, a))
+    return q[:, some], *flat, size
+
+
+def _apart(q: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Mean square of the joints' angles between all poses of two clips."""
+    cosine = np.abs(np.einsum("ijk,ljk->ilj", q, r))
+    return np.mean((2 * np.arccos(np.minimum(cosine, 1))) ** 2, axis=-1)
+
+
+def _squares_apart(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """‖x_i − y_j‖² for all i and j."""
+    squares = np.sum(x * x, -1)[:, None] + np.sum(y * y, -1) - 2 * x @ y.T
+    return np.maximum(squares, 0)
 
 
 def follow(first: Motion, second: Motion) -> Motion:
@@ -136,7 +169,7 @@ def _stitch(first: Motion, second: Motion, levels: int, align: bool) -> Motion:
         second = _follow(first, second)
     # Not one program: clips of one length share theirs.
     ends, starts = build_pyramid(first[::-1], levels), build_pyramid(second, levels)
-    return synthesize(_concatenated(ends, starts, first.frame_time_text), None)
+    return _concatenated(ends, starts, first.frame_time_text).reconstruct()
 
 
 @eqx.filter_jit
@@ -184,12 +217,12 @@ def _reversed(pyramid: Pyramid) -> Pyramid:
     )
 
 
-def _default_levels(motions: Sequence[Motion]) -> int:
-    fps = motions[0].fps
+def _default_levels(first: Motion, second: Motion) -> int:
+    fps = first.fps
     if isinstance(fps, Tracer):
         raise ValueError("stitch: the frame time is traced; give levels")
     wanted = max(0, round(float(np.log2(_HALF_TRANSITION * float(fps)))))
-    return min(wanted, *(len(level_sizes(m.num_frames)) - 1 for m in motions))
+    return min(wanted, *(len(level_sizes(m.num_frames)) - 1 for m in (first, second)))
 
 
 def _check_pair(first: Motion, second: Motion) -> None:

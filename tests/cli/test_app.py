@@ -11,7 +11,8 @@ import pytest
 from jaxmotion.cli import _app
 
 COMMANDS = (
-    "align", "check", "contacts", "convert", "demo", "denoise", "info", "layers", "retime", "style"
+    "align", "blend", "check", "contacts", "convert", "demo", "denoise", "info", "layers",
+    "multires", "retime", "stitch", "style",
 )  # fmt: skip
 
 

@@ -105,3 +105,17 @@ def cubic_between(coarse_times, x, times):
         knots = slice(s, s + width)
         out.append(BarycentricInterpolator(coarse_times[knots], x[knots])(t))
     return np.array(out)
+
+
+def reduced_vectors(x):
+    """R of vectors f[T, n], T odd: the paper's mask, differences mirrored at the ends."""
+    steps = np.diff(x, axis=0)
+    b = np.array([1, -3, 3, -1]) / 24
+    change = [sum(b[m + 2] * mirrored(steps, i + m) for m in range(-2, 2)) for i in range(len(x))]
+    return (x + np.array(change))[::2]
+
+
+def vectors_between(x):
+    """E of vectors f[K, n], K at least 4."""
+    knots = np.arange(len(x), dtype=float)
+    return cubic_between(knots, x, np.arange(2 * len(x) - 1) / 2)

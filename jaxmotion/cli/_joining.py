@@ -1,0 +1,71 @@
+"""Several clips into one file: what ``blend`` and ``stitch`` share."""
+
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jaxmotion.cli._options import Running
+
+if TYPE_CHECKING:
+    from jaxmotion import Motion
+
+
+def a_file(**options: Any) -> Any:
+    """The type of one file's name."""
+    return click.Path(dir_okay=False, path_type=Path, **options)
+
+
+def join(
+    combine: "Callable[[list[Motion]], tuple[Motion, str]]",
+    sources: Sequence[Path],
+    out: Path,
+    fps: float | None,
+    *,
+    overwrite: bool,
+    dry_run: bool,
+    running: Running,
+) -> None:
+    """Read ``sources``, ``combine`` them, which also says what was done, and write ``out``."""
+    from jaxmotion.cli import _files, _session
+
+    name = click.format_filename(out)
+    if out.suffix.lower() not in _files.SUFFIXES:
+        raise click.UsageError(f"-o {out.name}: expected a {', '.join(_files.SUFFIXES)} file")
+    if out.resolve() in {source.resolve() for source in sources}:
+        raise click.UsageError(f"{name} would be written over an input; give another name")
+    if out.exists() and not overwrite:
+        raise click.ClickException(f"{name} exists; add --overwrite")
+    if dry_run:
+        click.echo(name)
+        return
+    _session.start(cache=running.cache, little=_session.is_little(sources))
+    motion, summary = combine(_read(sources, fps))
+    from jaxmotion.cli._work import finite, write
+
+    write(finite(motion), out, overwrite=overwrite)
+    click.echo(f"{name}: {summary}", err=True)
+
+
+def _read(sources: Sequence[Path], fps: float | None) -> "list[Motion]":
+    from jaxmotion.cli._work import read, told
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        clips = [read(source, fps) for source in sources]
+    for text in told(caught):
+        click.echo(f"warning: {text}", err=True)
+    return clips
+
+
+def file_options(function: Callable) -> Callable:
+    """``-o --overwrite --dry-run``."""
+    for option in (
+        click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop."),
+        click.option("--overwrite", is_flag=True, help="Replace an output that exists."),
+        click.option("-o", "--out", type=a_file(), required=True, help="The file to write."),
+    ):
+        function = option(function)
+    return function

@@ -1,0 +1,59 @@
+"""``jaxmotion blend``: what one clip has and another lacks, put onto a third."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from jaxmotion.cli._joining import a_file, file_options, join
+from jaxmotion.cli._options import Running, fps_option, running_options
+
+if TYPE_CHECKING:
+    from jaxmotion import Motion
+
+
+@click.command(short_help="Give a clip what another one has.")
+@click.argument("reference", type=a_file(exists=True))
+@click.argument("first", type=a_file(exists=True))
+@click.argument("second", type=a_file(exists=True))
+@file_options
+@click.option(
+    "--levels", type=click.IntRange(0), help="Levels of detail; by default 6 or what a clip allows."
+)
+@fps_option
+@running_options
+def command(
+    reference: Path,
+    first: Path,
+    second: Path,
+    out: Path,
+    levels: int | None,
+    fps: float | None,
+    overwrite: bool,
+    dry_run: bool,
+    running: Running,
+) -> None:
+    """Write SECOND with what FIRST has and REFERENCE lacks: of a walk, a limp and a turn, a
+    limping turn.
+
+    The clips must have one skeleton and number of frames, and do alike at the same time: see
+    jaxmotion align. Feet that slide are left alone: see jaxmotion contacts.
+
+    \b
+    jaxmotion blend walk.bvh limp.bvh turn.bvh -o limping-turn.bvh
+    """
+
+    def combine(clips: "list[Motion]") -> "tuple[Motion, str]":
+        from jaxmotion.multiresolution import blend
+
+        lengths = [clip.num_frames for clip in clips]
+        if len(set(lengths)) > 1:
+            numbers = ", ".join(map(str, lengths))
+            raise click.ClickException(
+                f"the clips have {numbers} frames; jaxmotion align gives one the timing of another"
+            )
+        motion = blend(clips[0], clips[1], clips[2], levels)
+        return motion, f"{motion.num_frames} frames"
+
+    sources = [reference, first, second]
+    join(combine, sources, out, fps, overwrite=overwrite, dry_run=dry_run, running=running)

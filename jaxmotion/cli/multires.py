@@ -1,0 +1,100 @@
+"""``jaxmotion multires``: a motion's levels of detail, stronger or weaker or left out."""
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jaxmotion.cli._options import (
+    Batch,
+    Running,
+    Selection,
+    batch_options,
+    running_options,
+    selection_options,
+)
+
+if TYPE_CHECKING:
+    from jaxmotion import Motion
+
+
+class Gains(click.ParamType):
+    """``1,1.5,0.8``: numbers."""
+
+    name = "G,G,..."
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """A tuple of floats."""
+        if isinstance(value, tuple):
+            return value
+        try:
+            return tuple(float(part) for part in str(value).split(","))
+        except ValueError:
+            self.fail(f"{value!r} is not of the form '1,1.5,0.8'", param, ctx)
+
+
+@click.command(short_help="Exaggerate, soften or drop levels of detail.")
+@batch_options
+@click.option(
+    "--gains",
+    type=Gains(),
+    help="How much of every level, coarse to fine: 1.5,1,1 exaggerates the broadest, 1,1,0 leaves "
+    "out the finest. There are as many levels as numbers.",
+)
+@click.option(
+    "--level",
+    type=click.FloatRange(min=0),
+    help="Keep this many levels of detail and part of the next: 0 is the coarse motion, 2.5 has two "
+    "and a half.",
+)
+@click.option(
+    "--levels",
+    type=click.IntRange(0),
+    help="Into how many levels to take a motion for --level; by default 6 or what it allows.",
+)
+@selection_options
+@running_options
+def command(
+    batch: Batch,
+    running: Running,
+    selection: Selection,
+    gains: tuple[float, ...] | None,
+    level: float | None,
+    levels: int | None,
+) -> None:
+    """Take a motion apart into a coarse motion and levels of detail, twice as fine each, and put
+    it together with other shares of them. Feet that slide are left alone.
+
+    \b
+    jaxmotion multires walk.bvh -o lively.bvh --gains 1,1.3,1.6,1.3,1
+    jaxmotion multires takes -o smooth --level 4
+    """
+    from jaxmotion.cli._batch import edit_files
+
+    if (gains is None) == (level is None):
+        raise click.UsageError("say what: --gains 1,1.5,1, or --level 3; one of them")
+    if gains is not None and levels is not None and levels != len(gains):
+        raise click.UsageError(f"--levels {levels} and {len(gains)} --gains disagree")
+    edit_files(partial(edit, gains=gains, level=level, levels=levels), batch, running, selection)
+
+
+def edit(
+    motion: "Motion",
+    length: int,
+    *,
+    gains: tuple[float, ...] | None,
+    level: float | None,
+    levels: int | None,
+) -> "Motion":
+    """The library's gains or level of detail on a padded clip."""
+    import numpy as np
+
+    from jaxmotion.multiresolution import build_pyramid, level_of_detail, scale_details
+    from jaxmotion.multiresolution.pyramid import level_count
+
+    wanted = len(gains) if gains is not None else levels
+    number = level_count(length, wanted, "multires")
+    pyramid = build_pyramid(motion, number, length=length)
+    if gains is not None:
+        return scale_details(pyramid, np.asarray(gains))
+    return level_of_detail(pyramid, level or 0.0)

@@ -1,0 +1,65 @@
+"""``jaxmotion stitch``: clips one after another, without a seam."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from jaxmotion.cli._joining import file_options, join
+from jaxmotion.cli._options import Running, fps_option, running_options
+
+if TYPE_CHECKING:
+    from jaxmotion import Motion
+
+
+@click.command(short_help="Join clips without a seam.")
+@click.argument("files", nargs=-1, required=True, metavar="FILES...")
+@file_options
+@click.option(
+    "--search",
+    type=click.FloatRange(min=0),
+    default=1.0,
+    show_default=True,
+    help="Seconds that may be dropped on either side of a seam, to cut where it shows least; 0 "
+    "drops none.",
+)
+@click.option(
+    "--levels",
+    type=click.IntRange(0),
+    help="A transition takes about 2 frames, twice as many a level; by default half a second on "
+    "either side.",
+)
+@click.option("--no-align", is_flag=True, help="Leave every clip where it stands and looks.")
+@fps_option
+@running_options
+def command(
+    files: tuple[str, ...],
+    out: Path,
+    search: float,
+    levels: int | None,
+    no_align: bool,
+    fps: float | None,
+    overwrite: bool,
+    dry_run: bool,
+    running: Running,
+) -> None:
+    """Join FILES, in the order given; those of a folder or pattern, by name.
+
+    Each clip is moved over the ground and turned to go on where the one before it ends. Feet that
+    slide are left alone: see jaxmotion contacts.
+
+    \b
+    jaxmotion stitch walk.bvh turn.bvh run.bvh -o all.bvh
+    """
+    from jaxmotion.cli import _files
+
+    def combine(clips: "list[Motion]") -> "tuple[Motion, str]":
+        from jaxmotion.multiresolution import stitch
+
+        frames = round(search / float(clips[0].frame_time))
+        joined = stitch(clips, levels, align=not no_align, search=frames)
+        dropped = sum(clip.num_frames for clip in clips) - len(clips) + 1 - joined.num_frames
+        return joined, f"{len(clips)} clips in {joined.num_frames} frames, {dropped} dropped"
+
+    sources = [source.path for source in _files.expand(files, avoid=out)]
+    join(combine, sources, out, fps, overwrite=overwrite, dry_run=dry_run, running=running)

@@ -1,0 +1,105 @@
+"""What multires, blend and stitch do to files."""
+
+import numpy as np
+import pytest
+
+import jaxmotion as jm
+from jaxmotion.multiresolution import blend, build_pyramid, level_of_detail, scale_details, stitch
+from tests.cli.conftest import swinging
+from tests.helpers import assert_same_rotation
+
+
+def assert_same_clip(got, want):
+    assert_same_rotation(got.rotations, want.rotations, 1e-9)
+    np.testing.assert_allclose(got.translations, want.translations, atol=1e-9)
+    assert got.frame_time == pytest.approx(float(want.frame_time), rel=1e-9)
+
+
+@pytest.fixture
+def other(tmp_path):
+    """Another take of 40 frames."""
+    path = tmp_path / "other.npz"
+    jm.save(swinging(seed=1), path)
+    return path
+
+
+def test_multires(jaxmotion, take, tmp_path):
+    pyramid, out = build_pyramid(jm.load(take), 3), tmp_path / "o" / "out.npz"
+    jaxmotion("multires", take, "-o", out, "--gains", "1,1.5,0")
+    assert_same_clip(jm.load(out), scale_details(pyramid, np.array([1, 1.5, 0])))
+    words = ("multires", take, "-o", out, "--overwrite", "--levels", "3", "--level", "1.5")
+    jaxmotion(*words)
+    assert_same_clip(jm.load(out), level_of_detail(pyramid, 1.5))
+    jaxmotion(*words, "--joints", "Left*")
+    edited, before = jm.load(out), jm.load(take)
+    assert_same_rotation(edited.rotations[:, 3], before.rotations[:, 3], 1e-9)
+    assert np.max(jm.quaternion.distance(edited.rotations[:, 1], before.rotations[:, 1])) > 0.01
+
+
+def test_multires_goes_through_folders_and_tells_of_failures(jaxmotion, tmp_path):
+    folder, out = tmp_path / "takes", tmp_path / "out"
+    folder.mkdir()
+    jm.save(swinging(40), folder / "a.bvh")
+    jm.save(swinging(4), folder / "b.bvh")
+    result = jaxmotion("multires", folder, "-o", out, "--gains", "1,0,0", code=1)
+    assert "1 written, 1 failed." in result.stderr
+    assert "4 frames can be halved 0 to 2 times" in result.stderr
+    assert jm.load(out / "a.bvh").num_frames == 40
+    assert not (out / "b.bvh").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((), "say what"),
+        (("--gains", "1", "--level", "2"), "one of them"),
+        (("--gains", "1,x"), "not of the form"),
+        (("--gains", "1,1", "--levels", "3"), "disagree"),
+        (("--level", "-1"), "-1"),
+    ],
+)
+def test_multires_usage(jaxmotion, take, tmp_path, words, message):
+    result = jaxmotion("multires", take, "-o", tmp_path / "out.bvh", *words, code=2)
+    assert message in result.stderr
+    assert not (tmp_path / "out.bvh").exists()
+
+
+def test_blend(jaxmotion, take, other, tmp_path):
+    out = tmp_path / "o" / "out.npz"
+    result = jaxmotion("blend", take, other, take, "-o", out)
+    assert_same_clip(jm.load(out), jm.load(other))
+    assert "out.npz: 40 frames" in result.stderr
+    jaxmotion("blend", take, other, other, "-o", out, "--levels", "2", "--overwrite")
+    a, b = jm.load(take), jm.load(other)
+    assert_same_clip(jm.load(out), blend(a, b, b, 2))
+    jm.save(swinging(12), tmp_path / "short.bvh")
+    words = ("blend", take, tmp_path / "short.bvh", other, "-o", tmp_path / "new.bvh")
+    assert "40, 12, 40 frames; jaxmotion align" in jaxmotion(*words, code=1).stderr
+    assert not (tmp_path / "new.bvh").exists()
+
+
+def test_stitch(jaxmotion, take, other, tmp_path):
+    out = tmp_path / "out.npz"
+    result = jaxmotion("stitch", take, other, "-o", out, "--search", "0")
+    clips = [jm.load(take), jm.load(other)]
+    assert_same_clip(jm.load(out), stitch(clips))
+    assert "2 clips in 79 frames, 0 dropped" in result.stderr
+    words = ("stitch", take, other, "-o", out, "--overwrite", "--levels", "2")
+    result = jaxmotion(*words, "--no-align", "--search", "0.2")
+    want = stitch(clips, 2, align=False, search=6)
+    assert_same_clip(jm.load(out), want)
+    assert f"{want.num_frames} frames, {79 - want.num_frames} dropped" in result.stderr
+
+
+def test_they_refuse(jaxmotion, take, other, tmp_path):
+    out = tmp_path / "out.bvh"
+    out.write_text("precious")
+    words = ("stitch", take, other, "-o")
+    assert "exists; add --overwrite" in jaxmotion(*words, out, code=1).stderr
+    assert out.read_text() == "precious"
+    assert "over an input" in jaxmotion(*words, take, code=2).stderr
+    assert "expected a .bvh" in jaxmotion(*words, "x.txt", code=2).stderr
+    assert "no file or folder" in jaxmotion("stitch", "no.bvh", "-o", "x.bvh", code=2).stderr
+    assert "does not exist" in jaxmotion("blend", take, take, "no.bvh", "-o", out, code=2).stderr
+    assert jaxmotion(*words, tmp_path / "n.bvh", "-n").stdout.strip() == str(tmp_path / "n.bvh")
+    assert not (tmp_path / "n.bvh").exists()
