@@ -2,6 +2,7 @@
 
 from jaxmotion.contacts.contact import FREE, LINE, PLANE, POINT, ContactPoints, Contacts
 from jaxmotion.contacts.detect import detect, limb_lengths, replant
+from jaxmotion.contacts.distances import fit_distances
 from jaxmotion.contacts.feet import find_feet
 from jaxmotion.contacts.footskate import cleanup_footskate
 from jaxmotion.contacts.intervals import KIND_NAMES, Interval, intervals
@@ -22,6 +23,7 @@ __all__ = [
     "cleanup_root",
     "detect",
     "find_feet",
+    "fit_distances",
     "intervals",
     "limb_ik",
     "limb_lengths",

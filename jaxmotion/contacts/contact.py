@@ -131,6 +131,18 @@ class Contacts(eqx.Module):
                     f"(frames, points)"
                 )
 
+    def at_frames(self, frames: Float[AnyArray, " result"]) -> "Contacts":
+        """For another timing of the clip: what the nearest of its frames has, at each of
+        ``frames`` (numbers from 0, fractions allowed)."""
+        index = jnp.clip(jnp.round(jnp.asarray(frames)), 0, self.num_frames - 1).astype(jnp.int32)
+        return Contacts(
+            self.points,
+            self.mask[index],
+            self.target[index],
+            kind=self.kind[index],
+            confidence=self.confidence[index],
+        )
+
     @property
     def joints(self) -> tuple[int, ...]:
         """Joint index of each point."""

@@ -5,7 +5,8 @@ contact points on the end itself (heel, A) and those on joints below it (ball an
 of the planted ones), at a_A, a_B in the end's frame.
 
 1. Places. An anchor's contact has its target g; while the other anchor is down, an anchor that
-   comes down later is moved towards or away from it so that their distance is the foot's.
+   comes down later is moved towards or away from it so that their distance is the foot's
+   (:mod:`jaxmotion.contacts.distances`).
 2. Ankles. Both down: R′ = arc(R(a_B − a_A) → g_B − g_A) R, x′ the mean of g − R′a. One down: R′
    takes over the turn of the nearest frame with both, faded; x′ = g − R′a.
 3. Root. Least shift Δ that puts every planted x′ within reach of its limb: nearest point of the
@@ -29,6 +30,7 @@ import numpy as np
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts, Limb
+from jaxmotion.contacts.distances import move_later
 from jaxmotion.contacts.limb_ik import LimbTurn, limb_ik, shortest_arc
 from jaxmotion.contacts.runs import spread
 from jaxmotion.kinematics import WorldPose, forward_kinematics
@@ -123,7 +125,7 @@ def _cleanup(motion, contacts, feet: _Feet, stretch, fade, floor, length) -> Mot
     weights = jnp.asarray(np.array(feet.anchors, np.float32), motion.dtype)
     planted = contacts.mask & valid[:, None]
     on, at, goal = _anchors(weights, planted, body, contacts.target.astype(motion.dtype))
-    goal = _fit_distances(on, goal, safe_norm(at[:, :, 1] - at[:, :, 0]))
+    goal = move_later(on, goal, safe_norm(at[:, :, 1] - at[:, :, 0]))
     both, any_on = on.all(-1), on.any(-1)
     turn = shortest_arc(rotate(turns, at[:, :, 1] - at[:, :, 0]), goal[:, :, 1] - goal[:, :, 0])
     turn = exp(spread(jnp.where(both[..., None], log(turn), 0), both, reach_of_fade))
@@ -159,34 +161,6 @@ def _anchors(weights, planted, body, target):
     share = share / jnp.where(total > 0, total, 1)
     at, goal = (jnp.einsum("tnkc,tcx->tnkx", share, x) for x in (body, target))
     return total[..., 0] > 0, at, goal
-
-
-def _fit_distances(on, goal, distance):
-    """Step 1: the targets, with those of the later anchor moved to the foot's own length."""
-
-    def project(moving, still, apart):
-        line = moving - still
-        length = safe_norm(line, keepdims=True)
-        unit = line / jnp.where(length > 0, length, 1)
-        return jnp.where(length > 0, still + apart[:, None] * unit, moving)
-
-    def step(carry, now):
-        before, shift = carry
-        on, goal, apart = now
-        begins = on & ~before
-        shift = jnp.where(begins[..., None], 0, shift)
-        first, second = jnp.unstack(goal + shift, axis=1)
-        stands = (on & before).T
-        fitted_first = project(first, second, apart) - goal[:, 0]
-        fitted_second = project(second, first, apart) - goal[:, 1]
-        shift_first = jnp.where((begins[:, 0] & stands[1])[:, None], fitted_first, shift[:, 0])
-        late = begins[:, 1] & on[:, 0]
-        shift_second = jnp.where(late[:, None], fitted_second, shift[:, 1])
-        shift = jnp.stack([shift_first, shift_second], axis=1)
-        return (on, shift), goal + shift
-
-    start = jnp.zeros(on.shape[1:], bool), jnp.zeros_like(goal[0])
-    return jax.lax.scan(step, start, (on, goal, distance))[1]
 
 
 def _root_shift(motion, pose, joints, wanted, planted, most, reach_of_fade, valid):

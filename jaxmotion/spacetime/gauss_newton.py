@@ -1,14 +1,22 @@
-"""Gauss-Newton over a whole clip, and the derivative of its answer.
+"""Gauss-Newton over a whole clip, second order near the answer, and the answer's derivative.
 
-    z <- z - (A x I + J^T J)^-1 (A z + J^T rows(z)),       J = d rows / d z
+    M s = A z + J^T rows(z),    M = A x I + J^T J,    J = d rows / d z      then z <- z - s
+    y = rows(z) - J s                  what the rows will be, to first order, after the step
+    H s = A z + J^T rows(z),    H = M + sum_i y_i d^2 rows_i / d z^2        steps below a fifth
 
-J has few rows a frame, so a step is one Kalman filter (:mod:`jaxmotion.spacetime.low_rank`), and
-the Jacobian is written out (:mod:`jaxmotion.spacetime.problem`); optimistix runs the iteration and
-:class:`~jaxmotion.linalg.least_squares.Decrease` never lets it go uphill. Derivatives are those of
-the stationary point: conjugate gradients on the exact Hessian, the step's matrix as preconditioner,
-which it equals but for the curvature of the points' paths times what is left of the residuals.
+J has few rows a frame, so M is solved by one Kalman filter (:mod:`jaxmotion.spacetime.low_rank`).
+Points that must be somewhere move on curves, while what is left of the problem, the small weights
+of A, decides where on them: alone M overshoots there, by the points' curvature against A, and takes
+tens of steps of ever the same share. H has that curvature, as Newton's method on constraints with
+multipliers y has. (Curvature times rows(z), the exact Hessian, is dominated by what the next step
+removes anyway, and is indefinite until all but nothing is left of it.) Conjugate gradients with M
+as preconditioner take a few products with H; where they meet a direction of negative curvature the
+step of M stands.
 
-Cost O(T d^2 r) a step for r rows on d unknowns a frame, 3 to 10 steps where targets can be met.
+optimistix runs the iteration and :class:`~jaxmotion.linalg.least_squares.Decrease` never lets it go
+uphill. Derivatives are those of the stationary point, by conjugate gradients on the exact Hessian.
+
+Cost O(T d^2 r) a step for r rows on d unknowns a frame; 5 to 15 steps where targets can be met.
 """
 
 from collections.abc import Callable
@@ -19,14 +27,16 @@ import jax
 import jax.numpy as jnp
 import optimistix
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion.linalg.least_squares import Decrease
-from jaxmotion.spacetime.low_rank import low_rank_factor
+from jaxmotion.spacetime.low_rank import LowRankFactor, low_rank_factor
 from jaxmotion.spacetime.prior import Walk, random_walk
 from jaxmotion.spacetime.problem import Problem
 
 _CG_STEPS = 500
+_NEAR = 0.2  # of a step's longest component, radians or body lengths
+_PRODUCTS = 8
 
 
 def cost(z: Float[Array, "time d"], problem: Problem) -> Float[Array, ""]:
@@ -38,22 +48,12 @@ def cost(z: Float[Array, "time d"], problem: Problem) -> Float[Array, ""]:
 def _gradient(z: Float[Array, "time d"], problem: Problem) -> Float[Array, "time d"]:
     """dE / dz."""
     rows, jacobian = problem.linearized(z)
-    _, pull = jax.vjp(problem.prior.rows, z)
-    return jnp.einsum("trd,tr->td", jacobian, rows) + pull(problem.prior.rows(z))[0]
+    return jnp.einsum("trd,tr->td", jacobian, rows) + problem.prior.product(z)
 
 
-@jax.custom_jvp
 def _residuals(z: Float[Array, "time d"], problem: Problem) -> tuple[Array, ...]:
-    return problem.rows(z), *problem.prior.rows(z)
-
-
-@_residuals.defjvp
-def _residuals_jvp(primals, tangents):
-    """In z only, with the Jacobian written out: the problem is held still while iterating."""
-    (z, problem), (dz, _) = primals, tangents
-    rows, jacobian = problem.linearized(z)
-    along = jnp.einsum("trd,td->tr", jacobian, dz)
-    return (rows, *problem.prior.rows(z)), (along, *problem.prior.rows(dz))
+    """For optimistix's cost alone: the step has J written out, so no other is made."""
+    return lax.stop_gradient((problem.rows(z), *problem.prior.rows(z)))
 
 
 class _State(eqx.Module):
@@ -62,8 +62,9 @@ class _State(eqx.Module):
 
 
 class _Step(optimistix.AbstractDescent):
-    """The Gauss-Newton step by the filter."""
+    """The step of M, or of H."""
 
+    problem: Problem
     walk: Walk
 
     def init(self, y: Array, f_info_struct: optimistix.FunctionInfo) -> _State:
@@ -71,15 +72,18 @@ class _Step(optimistix.AbstractDescent):
         return _State(y, optimistix.RESULTS.successful)
 
     def query(self, y: Array, f_info: Any, state: _State) -> _State:
-        del state
-
-        def column(component):
-            return f_info.jac.mv(jnp.broadcast_to(component, y.shape))[0]
-
-        # No row sees two frames, so d products read the Jacobian of all of them.
-        rows = jax.vmap(column, out_axes=-1)(jnp.eye(y.shape[1], dtype=y.dtype))
-        gradient = f_info.jac.transpose().mv(f_info.residual)
-        step = low_rank_factor(self.walk, rows).solve(gradient)
+        del f_info, state
+        rows, jacobian = self.problem.linearized(y)
+        factor = low_rank_factor(self.walk, jacobian)
+        gradient = self.problem.prior.product(y) + jnp.einsum("trd,tr->td", jacobian, rows)
+        # z - s = -A^-1 J^T y: no large numbers that cancel.
+        multipliers = factor.forces(rows - jnp.einsum("trd,td->tr", jacobian, y))
+        first = y + factor.pulled(multipliers)
+        step = lax.cond(
+            jnp.max(jnp.abs(first)) < _NEAR,
+            lambda: _second_order(self.problem, y, multipliers, factor, gradient, first),
+            lambda: first,
+        )
         finite = jnp.all(jnp.isfinite(step))
         fine, singular = optimistix.RESULTS.successful, optimistix.RESULTS.singular
         result = optimistix.RESULTS.where(finite, fine, singular)  # pyright: ignore
@@ -87,6 +91,51 @@ class _Step(optimistix.AbstractDescent):
 
     def step(self, step_size: Array, state: _State) -> tuple[Array, optimistix.RESULTS]:
         return -step_size * state.step, state.result
+
+
+def _second_order(
+    problem: Problem,
+    z: Array,
+    multipliers: Array,
+    factor: LowRankFactor,
+    gradient: Array,
+    first: Array,
+) -> Float[Array, "time d"]:
+    """H^-1 gradient from M^-1 gradient, to a tenth of their difference; or the latter."""
+
+    def pulled(z):
+        return jax.vjp(problem.rows, z)[1](multipliers)[0]
+
+    _, curvature = jax.linearize(pulled, z)
+
+    def product(v):
+        along = jnp.einsum("trd,td->tr", factor.rows, v)
+        return (
+            problem.prior.product(v) + jnp.einsum("trd,tr->td", factor.rows, along) + curvature(v)
+        )
+
+    def iterate(state):
+        x, residual, direction, size, bent, k = state
+        image = product(direction)
+        slope = jnp.vdot(direction, image)
+        share = jnp.where(slope > 0, size / jnp.where(slope > 0, slope, 1), 0)
+        x, residual = x + share * direction, residual - share * image
+        whitened = factor.solve(residual)
+        left = jnp.vdot(residual, whitened)
+        direction = whitened + left / jnp.where(size > 0, size, 1) * direction
+        return x, residual, direction, left, bent | (slope <= 0), k + 1
+
+    def unfinished(state):
+        _, _, _, size, bent, k = state
+        return (size > 0.01 * begin) & ~bent & (k < _PRODUCTS)
+
+    residual = -curvature(first)
+    direction = factor.solve(residual)
+    begin = jnp.vdot(residual, direction)
+    state = first, residual, direction, begin, jnp.asarray(False), jnp.zeros((), jnp.int32)
+    x, *_, bent, _ = lax.while_loop(unfinished, iterate, state)
+    uphill = ~(jnp.vdot(x, gradient) > 0)  # or not finite
+    return jnp.where(bent | uphill, first, x)
 
 
 class _GaussNewton(optimistix.AbstractGaussNewton):
@@ -97,9 +146,9 @@ class _GaussNewton(optimistix.AbstractGaussNewton):
     search: Decrease
     verbose: Callable[..., None]
 
-    def __init__(self, walk: Walk, tolerance: float):
+    def __init__(self, problem: Problem, tolerance: float):
         self.rtol, self.atol, self.norm = 0.0, tolerance, optimistix.max_norm
-        self.descent = _Step(walk)
+        self.descent = _Step(problem, random_walk(problem.prior, problem.start.num_frames))
         self.search = Decrease(self.rtol, self.atol, self.norm)
         self.verbose = _silent
 
@@ -114,18 +163,15 @@ def _silent(**kwargs):
 
 def gauss_newton(
     problem: Problem, tolerance: float, max_steps: int
-) -> tuple[Float[Array, "time d"], Int[Array, ""], optimistix.RESULTS]:
-    """(z, steps, result): the displacement of least E, differentiable in the problem.
+) -> tuple[Float[Array, "time d"], Int[Array, ""], Bool[Array, ""]]:
+    """(z, steps, converged): the displacement of least E, differentiable in the problem.
 
     ``tolerance``: stop after a step with no component longer than this.
     """
-    if not problem.joints and problem.limits is None:  # nothing is asked
-        return problem.still, jnp.zeros((), jnp.int32), optimistix.RESULTS.successful
     frozen = jax.tree.map(lax.stop_gradient, problem)
-    walk = random_walk(frozen.prior, frozen.start.num_frames)
     found = optimistix.least_squares(
         _residuals,
-        _GaussNewton(walk, tolerance),
+        _GaussNewton(frozen, tolerance),
         frozen.still,
         frozen,
         max_steps=max_steps,
@@ -133,7 +179,8 @@ def gauss_newton(
     )
     answer = lax.stop_gradient(found.value)
     z = stationary(problem, answer)
-    return z, jnp.asarray(found.stats["num_steps"]), found.result
+    converged = found.result == optimistix.RESULTS.successful
+    return z, jnp.asarray(found.stats["num_steps"]), converged
 
 
 def stationary(problem: Problem, answer: Float[Array, "time d"]) -> Float[Array, "time d"]:

@@ -36,9 +36,16 @@ class LowRankFactor(eqx.Module):
     def solve(self, b: Float[Array, "time d"]) -> Float[Array, "time d"]:
         """(A ⊗ I + J^T J)^-1 b."""
         u = self.walk.solve(b)
-        seen = jnp.einsum("trd,td->tr", self.rows, u)
+        return u - self.pulled(self.forces(jnp.einsum("trd,td->tr", self.rows, u)))
+
+    def forces(self, seen: Float[Array, "time row"]) -> Float[Array, "time row"]:
+        """S^-1 e."""
         (force,) = jax.linear_transpose(self._whiten, seen)(self._whiten(seen))
-        return u - self.walk.solve(jnp.einsum("trd,tr->td", self.rows, force))
+        return force
+
+    def pulled(self, force: Float[Array, "time row"]) -> Float[Array, "time d"]:
+        """A^-1 J^T f."""
+        return self.walk.solve(jnp.einsum("trd,tr->td", self.rows, force))
 
     def _whiten(self, seen: Float[Array, "time row"]) -> Float[Array, "time row"]:
         def frame(mean, inputs):
@@ -68,11 +75,13 @@ def low_rank_factor(walk: Walk, rows: Float[Array, "time row d"]) -> LowRankFact
         )
         gain_x, gain_v = seen @ root.T, (xv.T @ rows.T) @ root.T
         xx, xv, vv = xx - gain_x @ gain_x.T, xv - gain_x @ gain_v.T, vv - gain_v @ gain_v.T
-        # One step of the walk: v <- (1 - drag) v - spring x + noise, x <- x + v.
-        along = (1 - drag) * xv - spring * xx
-        vv = (1 - drag) ** 2 * vv - (1 - drag) * spring * (xv + xv.T) + spring**2 * xx + noise * eye
-        xx = xx + along + along.T + vv
-        return (xx, along + vv, vv), (gain_x, gain_v, root)
+        # One step of the walk: v <- keep v - spring x + noise, x <- x + v. Written for x by itself,
+        # so that what rounding leaves of an antisymmetric part dies out with the walk.
+        keep, stay, cross = 1 - drag, 1 - spring, xv + xv.T
+        along = keep * (stay * xv - spring * xv.T) - spring * stay * xx + keep**2 * vv + noise * eye
+        x_now = stay**2 * xx + stay * keep * cross + keep**2 * vv + noise * eye
+        v_now = spring**2 * xx - spring * keep * cross + keep**2 * vv + noise * eye
+        return (x_now, along, v_now), (gain_x, gain_v, root)
 
     start = walk.variance[0] * eye, jnp.zeros_like(eye), jnp.zeros_like(eye)
     noise = jnp.concatenate([walk.variance[1:], jnp.zeros_like(walk.variance[:1])])

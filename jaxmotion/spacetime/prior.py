@@ -34,6 +34,11 @@ class Prior(eqx.Module):
         """Half the sum of their squares is the cost."""
         return jnp.sqrt(self.size) * x, jnp.sqrt(self.bend) * jnp.diff(x, n=2, axis=0)
 
+    def product(self, x: Float[Array, "time channel"]) -> Float[Array, "time channel"]:
+        """A x."""
+        _, pull = jax.vjp(self.rows, x)
+        return pull(self.rows(x))[0]
+
 
 class Walk(eqx.Module):
     """A as a random walk: ``spring`` n/D and ``drag`` m/D of the step from each frame to the next,

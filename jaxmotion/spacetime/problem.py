@@ -89,6 +89,13 @@ class Problem(eqx.Module):
         turned = quaternion.multiply(self.start.rotations, quaternion.exp(self.turns(z)))
         return self.start.with_transforms(moved, turned)
 
+    def displacement(self, motion: Motion) -> Float[Array, "time d"]:
+        """z of a displaced clip; inverse of :meth:`motion` for turns of less than pi."""
+        moved = (motion.translations[:, 0] - self.start.translations[:, 0]) / self.length
+        turns = quaternion.log(quaternion.between(self.start.rotations, motion.rotations))
+        delta = jnp.concatenate([moved, turns.reshape(moved.shape[0], -1)], axis=1)
+        return self.stiffness * delta
+
     def points(self, pose: WorldPose) -> Float[Array, "time point 3"]:
         """World positions of the contact points."""
         rows = np.asarray(self.joints, int)
@@ -100,14 +107,14 @@ class Problem(eqx.Module):
         return self._rows(motion, self.points(forward_kinematics(motion)))
 
     def _rows(self, motion: Motion, y: Float[Array, "time point 3"]) -> Array:
-        frames = y.shape[0]
-        parts = [(self.pull[..., None] * (y - self.goal) / self.length).reshape(frames, -1)]
+        frames, points = y.shape[:2]
+        parts = [(self.pull[..., None] * (y - self.goal) / self.length).reshape(frames, 3 * points)]
         if self.floor is not None:
             depth = jnp.maximum(self.floor - y[..., self.up], 0)
             parts.append(self.floor_pull * depth / self.length)
         if self.limits is not None:
             excess = self.limits.excess(motion.rotations)
-            parts.append(self.limit_pull * excess.reshape(frames, -1))
+            parts.append(self.limit_pull * excess.reshape(frames, 3 * motion.num_joints))
         return jnp.concatenate(parts, axis=1)
 
     def linearized(
@@ -132,7 +139,7 @@ class Problem(eqx.Module):
         swing = jnp.moveaxis(swing, -1, 2).reshape(frames, points, 3, 3 * joints)
         shift = jnp.broadcast_to(self.length * jnp.eye(3, dtype=y.dtype), (frames, points, 3, 3))
         moved = jnp.concatenate([shift, swing], axis=-1) / self.length
-        parts = [(self.pull[..., None, None] * moved).reshape(frames, 3 * points, -1)]
+        parts = [(self.pull[..., None, None] * moved).reshape(frames, 3 * points, 3 + 3 * joints)]
         if self.floor is not None:
             sunk = jnp.where(y[..., self.up] < self.floor, -self.floor_pull, 0)
             parts.append(sunk[..., None] * moved[:, :, self.up])

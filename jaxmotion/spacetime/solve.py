@@ -5,36 +5,55 @@
 
 delta: displacement of the root and of all joints above a contact point (rotation vectors in the
 joints' own frames); y_c: contact points; goal: :mod:`jaxmotion.spacetime.goals`; delta'': second
-difference over frame_time^2. "gauss_newton" finds the minimum (:mod:`.gauss_newton`).
+difference over frame_time^2. Three ways:
+
+    "gauss_newton"   the minimum of the above                        (:mod:`.gauss_newton`)
+    "bounds"         the minimum with excess = 0, joint limits never crossed      (:mod:`.bounds`)
+    "hierarchical"   B-splines with ever finer knots through poses that meet the constraints frame
+                     by frame: no weight between smoothness and contacts    (:mod:`.hierarchical`)
+
+Joints above no contact point move only where ``joint_limits`` want it, each by itself. Joints above
+one that never turn in the clip (a static root, bones without channels) do not start to, by more
+than rounding, unless the whole clip is still.
 
 Shapes: motion T frames, C contact points. Source: Gleicher, *Retargetting motion to new characters*
 (1998) for the form; Eom, Choi and Noh (2019), Eq. 18, for its place after an edit.
 
+Nothing jumps where a contact begins or ends: the change delta has a bounded second difference, so
+it leaves and joins the motion as a spline does, over (bend/size)^(1/4) seconds. A ramp is only
+needed where bend is small, and has a price: the heel's ramp pulls while the ball is held, and both
+cannot have their way.
+
 Sharp bits: constraints are soft, and weights say how soft. With the default ones reachable targets
-are met to some 1e-4 of a limb's length; targets out of reach, or that contradict each other, get
-the compromise of least squares, which ``report.position_error`` shows. Contacts are held while
-``mask`` is set; ``ramp`` lies outside of it.
+are met to some 1e-4 of a limb's length (heel and ball of one foot are reachable together where
+their targets are as far apart as they are: :func:`jaxmotion.contacts.fit_distances`); targets out
+of reach, or that contradict each other, get the compromise of least squares, which
+``report.position_error`` shows. Contacts are held while ``mask`` is set; ``ramp`` lies outside.
 """
 
 from typing import Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion._numerics import raise_faults, safe_norm
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.contacts import Contacts, limb_lengths
 from jaxmotion.motion import Motion
+from jaxmotion.skeleton import Skeleton
+from jaxmotion.spacetime.bounds import bounded
 from jaxmotion.spacetime.gauss_newton import cost, gauss_newton
 from jaxmotion.spacetime.goals import ramped_goals
+from jaxmotion.spacetime.hierarchical import hierarchical
 from jaxmotion.spacetime.joint_limits import JointLimits
 from jaxmotion.spacetime.prior import Prior
 from jaxmotion.spacetime.problem import Problem, active_joints, restrict
 
-_MAX_STEPS = 64
+_FIRM = 1e4
+_STEPS = {"gauss_newton": 64, "hierarchical": 0, "bounds": 2000}
 
 
 class Weights(eqx.Module):
@@ -49,8 +68,8 @@ class Weights(eqx.Module):
     position: ScalarLike = 1.0
     floor: ScalarLike = 1.0
     limits: ScalarLike = 1.0
-    size: ScalarLike = 1e-4
-    bend: ScalarLike = 1e-4 * 0.1**4
+    size: ScalarLike = 1e-6
+    bend: ScalarLike = 1e-6 * 0.12**4
     root: ScalarLike = 4.0
 
 
@@ -63,7 +82,8 @@ class Report(eqx.Module):
     - ``penetration``: f[T, C], depth below the floor, file unit; 0 without a floor.
     - ``limit_excess``: f[T, J], radians beyond the limits; 0 without.
     - ``cost_before``, ``cost``: E of the clip as given, and of the answer.
-    - ``num_steps``: iterations; ``result``: an ``optimistix.RESULTS``.
+    - ``num_steps``: iterations (levels, if hierarchical); ``converged``: whether they reached the
+      tolerance (always, if hierarchical: it takes a fixed number).
     """
 
     position_error: Float[AnyArray, "time point"]
@@ -72,12 +92,7 @@ class Report(eqx.Module):
     cost_before: Float[Array, ""]
     cost: Float[Array, ""]
     num_steps: Int[Array, ""]
-    result: optimistix.RESULTS
-
-    @property
-    def converged(self) -> Bool[Array, ""]:
-        """Whether the iteration reached its tolerance."""
-        return self.result == optimistix.RESULTS.successful
+    converged: Bool[Array, ""]
 
 
 def satisfy(
@@ -87,24 +102,27 @@ def satisfy(
     joint_limits: JointLimits | None = None,
     floor: ScalarLike | None = None,
     weights: Weights | None = None,
-    ramp: ScalarLike = 0.1,
-    method: Literal["gauss_newton"] = "gauss_newton",
+    ramp: ScalarLike = 0.0,
+    method: Literal["gauss_newton", "hierarchical", "bounds"] = "gauss_newton",
     tolerance: float = 1e-5,
-    max_steps: int = _MAX_STEPS,
+    max_steps: int | None = None,
 ) -> tuple[Motion, Report]:
     """The motion, moved so that it keeps its contacts.
 
     **Arguments:** ``motion``: T frames; ``contacts``: T frames, C points, C = 0 allowed;
     ``joint_limits``: of all joints; ``floor``: a height no contact point shall be below;
     ``weights``: :class:`Weights`; ``ramp``: seconds over which a contact's pull comes and goes,
-    before and after it; ``tolerance``: radians, the iteration stops after a step shorter than that.
-    **Returns:** the motion (joints above no contact point bit for bit as they were) and a
-    :class:`Report`. Differentiable in motion, targets, limits, floor and weights, in both modes.
+    before and after it (the module says why none by default); ``tolerance``: radians, the iteration
+    stops after a step shorter than that; ``max_steps``: 64 by default, and 2000 of L-BFGS-B for
+    "bounds".
+    **Returns:** the motion (joints that nothing is asked of bit for bit as they were) and a
+    :class:`Report`. Differentiable in motion, targets, limits, floor and weights, in both modes,
+    but for "bounds", whose differentiation is an error.
     **Raises:** ``ValueError`` for shapes and options that do not fit; at run time for targets in
     contact, or a motion, that are not finite.
     """
-    if method not in _METHODS:
-        raise ValueError(f"satisfy: method={method!r}; expected one of {', '.join(_METHODS)}")
+    if method not in _STEPS:
+        raise ValueError(f"satisfy: method={method!r}; expected one of {', '.join(_STEPS)}")
     if motion.rotations.ndim != 3:
         raise ValueError(
             f"satisfy: rotations have shape {motion.rotations.shape}; expected (T, J, 4); "
@@ -135,11 +153,8 @@ def satisfy(
         jnp.asarray(ramp, dtype),
         method,
         float(tolerance),
-        int(max_steps),
+        _STEPS[method] if max_steps is None else int(max_steps),
     )
-
-
-_METHODS = ("gauss_newton",)
 
 
 @eqx.filter_jit
@@ -154,15 +169,45 @@ def _satisfy(motion, contacts, limits, floor, weights, ramp, method, tolerance, 
     target = raise_faults(jnp.where(contacts.mask[..., None], target, 0), faults)
     active = active_joints(motion.skeleton.parents, contacts.joints)
     problem = _pose(motion, contacts, target, active, limits, floor, weights, ramp)
-    z, steps, result = gauss_newton(problem, tolerance, max_steps)
-    moved = problem.motion(z)
-    rows = np.asarray(active, int)
-    answer = motion.with_transforms(
-        motion.translations.at[:, 0].set(moved.translations[:, 0]),
-        motion.rotations.at[:, rows].set(moved.rotations),
-    )
-    report = _report(answer, contacts, target, limits, floor, problem, z, steps, result)
-    return answer, report
+    moved, solution = _solve(problem, method, tolerance, max_steps)
+    rotations = motion.rotations.at[:, np.asarray(active)].set(moved.rotations)
+    loose = tuple(j for j in range(motion.num_joints) if j not in active)
+    if limits is not None and loose:
+        turned, each = _solve_alone(motion, loose, limits, weights, method, tolerance, max_steps)
+        rotations = rotations.at[:, np.asarray(loose)].set(turned)
+        solution = _Solution(
+            solution.before + jnp.sum(each.before),
+            solution.after + jnp.sum(each.after),
+            jnp.maximum(solution.steps, jnp.max(each.steps)),
+            solution.converged & jnp.all(each.converged),
+        )
+    translations = motion.translations.at[:, 0].set(moved.translations[:, 0])
+    answer = motion.with_transforms(translations, rotations)
+    return answer, _report(answer, contacts, target, limits, floor, solution)
+
+
+class _Solution(eqx.Module):
+    before: Float[Array, ""]
+    after: Float[Array, ""]
+    steps: Int[Array, ""]
+    converged: Bool[Array, ""]
+
+
+def _solve(problem: Problem, method, tolerance, max_steps) -> tuple[Motion, _Solution]:
+    """The clip of the problem's joints, by one of the methods."""
+    if not problem.joints and problem.limits is None:  # nothing is asked
+        none = jnp.zeros((), problem.still.dtype)
+        return problem.start, _Solution(none, none, jnp.zeros((), jnp.int32), jnp.asarray(True))
+    if method == "hierarchical":
+        z, steps, converged = hierarchical(problem)
+    else:
+        most = min(max_steps, _STEPS["gauss_newton"]) if method == "bounds" else max_steps
+        z, steps, converged = gauss_newton(problem, tolerance, most)
+        if method == "bounds" and problem.limits is not None:
+            z, steps, converged = bounded(problem, z, tolerance, max_steps)
+    before, after = jax.vmap(cost, (0, None))(jnp.stack([problem.still, z]), problem)
+    steps = steps.astype(jnp.int32)
+    return problem.motion(z), _Solution(before, after, steps, converged)
 
 
 def _pose(motion, contacts, target, active, limits, floor, weights, ramp) -> Problem:
@@ -179,6 +224,7 @@ def _pose(motion, contacts, target, active, limits, floor, weights, ramp) -> Pro
     pull = jnp.where(some, jnp.sqrt(weights.position * jnp.where(some, weight, 1)), 0)
     root = jnp.broadcast_to(jnp.sqrt(weights.root), (6,))
     stiffness = jnp.concatenate([root, jnp.ones((3 * len(active) - 3,), motion.dtype)])
+    stiffness = stiffness.at[3:].multiply(jnp.repeat(_firmness(start), 3))
     return Problem(
         start=start,
         joints=joints,
@@ -195,15 +241,57 @@ def _pose(motion, contacts, target, active, limits, floor, weights, ramp) -> Pro
     )
 
 
-def _report(answer, contacts, target, limits, floor, problem, z, steps, result) -> Report:
+def _firmness(motion: Motion) -> Float[Array, " joint"]:
+    """1 for joints that turn at some time in the clip, a large number for others."""
+    q = motion.rotations
+    turned = jnp.max(jnp.abs(q - q[:1]), axis=(0, 2)) > float(jnp.finfo(q.dtype).eps) ** 0.5
+    firm = jnp.asarray(_FIRM, q.dtype)
+    return jnp.where(turned | ~jnp.any(turned), jnp.ones_like(firm), firm)
+
+
+def _solve_alone(motion, joints, limits, weights, *how) -> tuple[Array, _Solution]:
+    """Rotations of joints above no contact point, each kept within its limits by itself."""
+    part = limits.of(joints)
+
+    def one(q, lower, upper, centre):
+        own = JointLimits(lower[None], upper[None], centre[None])
+        moved, solution = _solve(_pose_alone(motion, q[:, None], own, weights), *how)
+        return moved.rotations[:, 0], solution
+
+    q = motion.rotations[:, np.asarray(joints)]
+    return jax.vmap(one, (1, 0, 0, 0), (1, 0))(q, part.lower, part.upper, part.centre)
+
+
+def _pose_alone(motion, q, limits, weights) -> Problem:
+    """One joint that only its limits ask something of."""
+    dtype, frames = motion.dtype, motion.num_frames
+    skeleton = Skeleton(["joint"], [-1], jnp.zeros((1, 3), dtype), up=motion.skeleton.up)
+    one = jnp.ones((), dtype)
+    return Problem(
+        start=Motion(skeleton, jnp.zeros((frames, 1, 3), dtype), q, motion.frame_time),
+        joints=(),
+        point=jnp.zeros((0, 3), dtype),
+        goal=jnp.zeros((frames, 0, 3), dtype),
+        pull=jnp.zeros((frames, 0), dtype),
+        length=one,
+        stiffness=jnp.ones((6,), dtype),
+        prior=Prior(weights.size, weights.bend / motion.frame_time**4),
+        floor=None,
+        floor_pull=one,
+        limits=limits,
+        limit_pull=jnp.sqrt(weights.limits),
+    )
+
+
+def _report(answer, contacts, target, limits, floor, solution: _Solution) -> Report:
     y = contacts.points.positions(answer)
     error = jnp.where(contacts.mask, safe_norm(y - target), 0)
     depth = jnp.zeros_like(error)
     if floor is not None:
-        depth = jnp.maximum(floor - y[..., problem.up], 0)
+        depth = jnp.maximum(floor - y[..., "xyz".index(answer.skeleton.up)], 0)
     excess = jnp.zeros(answer.rotations.shape[:2], answer.dtype)
     if limits is not None:
         excess = safe_norm(limits.excess(answer.rotations))
     return Report(
-        error, depth, excess, cost(problem.still, problem), cost(z, problem), steps, result
+        error, depth, excess, solution.before, solution.after, solution.steps, solution.converged
     )

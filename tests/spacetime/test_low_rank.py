@@ -80,3 +80,19 @@ def test_low_rank_solve_is_symmetric():
     np.testing.assert_allclose(
         jnp.vdot(c, solve(jacobian, b)), jnp.vdot(solve(jacobian, c), b), rtol=1e-8
     )
+
+
+def test_a_long_clip_and_a_stiff_spring_stay_accurate():
+    """Rounding must not grow from frame to frame, as it would in a covariance that forgets its
+    symmetry."""
+    frames, d = 300, 2
+    jacobian, b = case(frames, 1, d)
+    stiff = random_walk(Prior(jnp.asarray(5.0), jnp.asarray(1.0)), frames)
+    second = np.diff(np.eye(frames), n=2, axis=0)
+    dense = np.kron(5.0 * np.eye(frames) + second.T @ second, np.eye(d))
+    for t in range(frames):
+        block = slice(t * d, t * d + d)
+        dense[block, block] += jacobian[t].T @ jacobian[t]
+    want = np.linalg.solve(dense, b.ravel()).reshape(frames, d)
+    x = jax.jit(lambda j, b: low_rank_factor(stiff, j).solve(b))(jnp.asarray(jacobian), b)
+    np.testing.assert_allclose(x, want, atol=1e-9 * np.abs(want).max())

@@ -49,7 +49,7 @@ def limits_of(dtype=np.float64):
     return JointLimits(np.full((JOINTS, 3), -0.15), np.full((JOINTS, 3), 0.2)).astype(dtype)
 
 
-def solve(motion, contacts, limits=None, floor=None, weights=WEIGHTS):
+def solve(motion, contacts, limits=None, floor=None, weights=WEIGHTS, **options):
     return satisfy(
         motion,
         contacts,
@@ -57,8 +57,7 @@ def solve(motion, contacts, limits=None, floor=None, weights=WEIGHTS):
         floor=floor,
         weights=weights,
         ramp=RAMP,
-        tolerance=1e-9 if motion.dtype == jnp.float64 else 1e-5,
-        max_steps=200,
+        **{"tolerance": 1e-9 if motion.dtype == jnp.float64 else 1e-5, "max_steps": 200} | options,
     )
 
 
@@ -71,6 +70,8 @@ class Oracle:
             weights,
             Rotation.from_quat(np.asarray(motion.rotations).reshape(-1, 4), scalar_first=True),
         )
+        # Limits move the arm too, by itself.
+        self.joints = list(ACTIVE if limits is None else range(JOINTS))
         self.translations = np.array(motion.translations)
         self.skeleton = SimpleNamespace(
             parents=motion.skeleton.parents, end_joints=(), end_offsets=np.zeros((0, 3))
@@ -105,7 +106,7 @@ class Oracle:
 
     def moved(self, delta):
         turn = np.zeros((self.frames, JOINTS, 3))
-        turn[:, ACTIVE] = delta[:, 3:].reshape(self.frames, -1, 3)
+        turn[:, self.joints] = delta[:, 3:].reshape(self.frames, -1, 3)
         q = (self.start * Rotation.from_rotvec(turn.reshape(-1, 3))).as_quat(scalar_first=True)
         translations = self.translations.copy()
         translations[:, 0] += self.length * delta[:, :3]
@@ -120,9 +121,11 @@ class Oracle:
         if self.floor is not None:
             parts.append(np.sqrt(w.floor) * np.maximum(self.floor - y[..., 1], 0) / self.length)
         if self.limits is not None:
-            v = Rotation.from_quat(motion.rotations[:, ACTIVE].reshape(-1, 4), scalar_first=True)
+            v = Rotation.from_quat(
+                motion.rotations[:, self.joints].reshape(-1, 4), scalar_first=True
+            )
             v = v.as_rotvec().reshape(self.frames, -1, 3)
-            rows = list(ACTIVE)
+            rows = self.joints
             lower, upper = np.asarray(self.limits.lower), np.asarray(self.limits.upper)
             parts.append(np.sqrt(w.limits) * (v - np.clip(v, lower[rows], upper[rows])))
         stiff = np.sqrt(np.where(np.arange(delta.shape[1]) < 6, w.root, 1.0))
@@ -131,7 +134,7 @@ class Oracle:
         return np.concatenate([np.ravel(part) for part in parts])
 
     def minimum(self):
-        start = np.zeros(self.frames * (3 + 3 * len(ACTIVE)))
+        start = np.zeros(self.frames * (3 + 3 * len(self.joints)))
         return least_squares(
             self.residuals, start, xtol=1e-13, ftol=1e-13, gtol=1e-11, max_nfev=100
         )
@@ -185,6 +188,16 @@ def test_contacts_already_kept_change_nothing():
     assert float(report.cost) < 1e-25
 
 
+def test_a_joint_that_never_turns_does_not_start_to():
+    motion, contacts = case()
+    fixed = motion.with_transforms(rotations=motion.rotations.at[:, 1].set(motion.rotations[0, 1]))
+    answer, report = solve(fixed, contacts)
+    assert bool(report.converged)
+    turned = angle_between(answer.rotations, fixed.rotations).max(axis=0)
+    assert turned[1] < 1e-6
+    assert turned[2] > 1e-3
+
+
 def test_unreachable_and_contradictory_targets_get_the_compromise():
     motion, contacts = case()
     far = contacts.target.at[:, 0].add(jnp.asarray([9.0, 3.0, 0.0]))
@@ -219,6 +232,44 @@ def test_short_clips(frames):
     assert float(report.cost) < float(report.cost_before)
 
 
+def test_splines_meet_contacts(dtype):
+    motion, contacts = case(dtype, frames=24)
+    answer, report = solve(motion, contacts, method="hierarchical")
+    assert answer.rotations.dtype == dtype
+    assert float(report.position_error.max()) < 1e-3
+    np.testing.assert_array_equal(answer.rotations[:, 4], motion.rotations[:, 4])
+    kept = eqx.tree_at(lambda c: c.target, contacts, contacts.points.positions(motion))
+    assert difference(solve(motion, kept, method="hierarchical")[0], motion) < 1e-4
+    far = eqx.tree_at(lambda c: c.target, contacts, contacts.target + 9)
+    answer, report = solve(motion, far, method="hierarchical")
+    assert np.all(np.isfinite(answer.rotations))
+    assert float(report.cost) < float(report.cost_before)
+
+
+@pytest.mark.slow
+def test_bounds_and_firm_limits_agree_and_bounds_are_never_crossed():
+    motion, contacts = case()
+    aside = ContactPoints(motion.skeleton, [3, 4], contacts.point)  # all joints are active
+    contacts = Contacts(aside, contacts.mask, aside.positions(motion) + 0.05)
+    firm = eqx.tree_at(lambda w: w.limits, WEIGHTS, 1e3)
+    soft, _ = solve(motion, contacts, limits_of(), weights=firm, tolerance=1e-8, max_steps=500)
+    hard, report = solve(
+        motion, contacts, limits_of(), method="bounds", tolerance=1e-8, max_steps=3000
+    )
+    assert bool(report.converged)
+    assert float(report.limit_excess.max()) < 1e-12
+    assert difference(soft, hard) < 2e-4
+    turns = limits_of().turns(hard.rotations)[:, 1:]  # the root too is limited, the others suffice
+    assert np.isclose(np.abs(turns - 0.025), 0.175, atol=1e-9).any()  # the limits matter
+
+    def answer(target):
+        aimed = eqx.tree_at(lambda c: c.target, contacts, target)
+        return solve(motion, aimed, limits_of(), method="bounds")[0].rotations
+
+    with pytest.raises(Exception, match="bounds"):
+        jax.eval_shape(lambda x: jax.jvp(answer, (x,), (x,)), contacts.target)
+
+
 def test_rotating_and_moving_the_world_moves_the_answer():
     motion, contacts = case()
     turn = Rotation.from_rotvec([0.3, -1.0, 0.7])
@@ -239,6 +290,7 @@ def test_rotating_and_moving_the_world_moves_the_answer():
     np.testing.assert_allclose(there.translations[:, 0], moved, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_derivatives_in_motion_targets_limits_floor_and_weights():
     motion, contacts = case()
 

@@ -1,0 +1,62 @@
+"""An edit that keeps the contacts of what it was made from (Eom et al. 2019, §4.3, Eq. 18).
+
+    contacts of the original  ──targets a foot can meet──▶  satisfy on the edit
+
+Where and when points touched before the edit, they touch after it; the rest of the edit stays, and
+what changes fades within about a tenth of a second. Places are the original's: an edit that moves
+the body elsewhere for good is brought back. A clip without contacts, or a skeleton without feet,
+comes back as it is.
+
+Contacts are found with :func:`jaxmotion.contacts.detect`, or given. Cost as
+:func:`jaxmotion.spacetime.satisfy`, O(T) for a body.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmotion._types import ScalarLike
+from jaxmotion.contacts import Contacts, detect, fit_distances
+from jaxmotion.motion import Motion
+from jaxmotion.spacetime.solve import Report, Weights, satisfy
+
+
+def keep_contacts(
+    edit: Motion,
+    original: Motion,
+    contacts: Contacts | bool = True,
+    *,
+    length: ScalarLike | None = None,
+) -> Motion:
+    """The edit with the contacts of the original.
+
+    **Arguments:** ``edit``, ``original``: T frames each, of one skeleton; ``contacts``: those to
+    keep, or True to find them on the original (outside of ``jit`` and ``vmap``), or False for
+    none; ``length``: number of frames that count, the first ones, for padded clips.
+    **Returns:** a motion of the edit's shape. Differentiable in the edit and the targets.
+    **Raises:** ``ValueError`` for clips or contacts of different lengths, or traced clips without
+    contacts.
+    """
+    if isinstance(contacts, bool):
+        if not contacts:
+            return edit
+        contacts = detect(original, length=length)
+    return restore(edit, contacts, length=length)[0]
+
+
+def restore(
+    motion: Motion,
+    contacts: Contacts,
+    *,
+    weights: Weights | None = None,
+    length: ScalarLike | None = None,
+) -> tuple[Motion, Report]:
+    """:func:`~jaxmotion.spacetime.satisfy` with targets that the feet can meet.
+
+    **Arguments:** ``contacts``: found on the motion, or on what it was edited from; the others as
+    :func:`keep_contacts` and ``satisfy``. **Returns:** as ``satisfy``.
+    """
+    if length is not None:
+        counted = jnp.asarray(length > np.arange(contacts.num_frames))  # pyright: ignore
+        contacts = eqx.tree_at(lambda c: c.mask, contacts, contacts.mask & counted[:, None])
+    return satisfy(motion, fit_distances(motion, contacts), weights=weights)
