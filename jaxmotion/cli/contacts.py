@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from jaxmotion.contacts import Contacts
 
 _SHOWN = 8
-_WAYS = {"legs": "cleanup_footskate", "root": "cleanup_root"}
+_WAYS = ("legs", "root", "spacetime")
 
 
 @click.command(short_help="When the feet touch the floor; stop them from sliding.")
@@ -46,9 +46,9 @@ _WAYS = {"legs": "cleanup_footskate", "root": "cleanup_root"}
 @click.option("--json", "as_json", is_flag=True, help="As JSON, a list with one entry a file.")
 @click.option(
     "--restore",
-    type=click.Choice(list(_WAYS)),
-    help="Write the motion to -o with every contact in one place, by moving legs and root, or the "
-    "root alone.",
+    type=click.Choice(_WAYS),
+    help="Write the motion to -o with every contact in one place, by moving legs and root, the "
+    "root alone, or all joints above the contact, smoothly, in one solve over the clip.",
 )
 @running_options
 def command(
@@ -70,7 +70,7 @@ def command(
     finding = partial(find, method=method, joints=joints, floor=None if no_floor else "auto")
     if restore is None:
         if batch.out != NOWHERE:
-            raise click.UsageError("say how to write to -o: --restore legs, or --restore root")
+            raise click.UsageError("say how to write to -o: --restore legs, root or spacetime")
         _list(batch, running, finding, as_json)
         return
     if batch.out == NOWHERE:
@@ -97,8 +97,11 @@ def edit(motion: "Motion", length: int, *, finding: Any, way: str) -> "Motion":
     """The library's cleanup on a padded clip, with the clip's own contacts."""
     import jaxmotion as jm
 
-    cleanup = getattr(jm.contacts, _WAYS[way])
-    return cleanup(motion, finding(motion, length), length=length)
+    found = finding(motion, length)
+    if way == "spacetime":
+        return jm.spacetime.restore(motion, found, length=length)[0]
+    cleanup = jm.contacts.cleanup_footskate if way == "legs" else jm.contacts.cleanup_root
+    return cleanup(motion, found, length=length)
 
 
 def _list(batch: Batch, running: Running, finding: Any, as_json: bool) -> None:

@@ -41,6 +41,11 @@ if TYPE_CHECKING:
     show_default=True,
     help="Share of the capture's noise that is kept.",
 )
+@click.option(
+    "--keep-contacts",
+    is_flag=True,
+    help="Feet that stood still before stand still after, in the same places.",
+)
 @selection_options
 @running_options
 def command(
@@ -50,18 +55,26 @@ def command(
     alpha: float | None,
     gains: tuple[tuple[str, float], ...],
     residual: float,
+    keep_contacts: bool,
 ) -> None:
     """Exaggerate or calm the style of a motion; its noise is removed on the way.
 
     \b
     jaxmotion style walk.bvh -o lively.bvh --alpha 2.0
+    jaxmotion style walk.bvh -o grounded.bvh --alpha 2.0 --keep-contacts
     jaxmotion style walk.bvh -o arms.bvh --gain '*Arm*=2.0' --gain 'Head=0.5'
     """
     from jaxmotion.cli._batch import edit_files
 
     if alpha is None and not gains:
         raise click.UsageError("say how much: --alpha 2.0, or --gain '*Arm*=2.0'")
-    changes = partial(edit, alpha=1.0 if alpha is None else alpha, gains=gains, residual=residual)
+    changes = partial(
+        edit,
+        alpha=1.0 if alpha is None else alpha,
+        gains=gains,
+        residual=residual,
+        keep_contacts=keep_contacts,
+    )
     edit_files(changes, batch, running, selection)
 
 
@@ -72,9 +85,12 @@ def edit(
     alpha: float,
     gains: tuple[tuple[str, float], ...],
     residual: float,
+    keep_contacts: bool,
 ) -> "Motion":
     """The library's style gains on a padded clip."""
     import jaxmotion as jm
 
     weights = jm.joint_weights(motion.skeleton, dict(gains), default=alpha)
-    return jm.stylize(motion, weights, residual=residual, length=length)
+    return jm.stylize(
+        motion, weights, residual=residual, length=length, keep_contacts=keep_contacts
+    )

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
+from jaxmotion.contacts import Contacts
 from jaxmotion.displacement import Displacement, plus
 from jaxmotion.layers.decompose import MotionLayers, counted_weights, decompose
 from jaxmotion.motion import Motion
@@ -27,22 +28,30 @@ def synthesize(
     residual: ArrayLike = 0.0,
     *,
     translation_alpha: ArrayLike | None = None,
+    keep_contacts: Contacts | bool = False,
 ) -> Motion:
     """The motion with its control layer scaled and its residual layer kept or dropped.
 
     **Arguments:** ``alpha``: gain of the control layer: a scalar, per joint f[J], or per frame and
     joint f[T, J]; ``residual``: gain of the residual, likewise: 0 removes the noise, 1 keeps it;
-    ``translation_alpha``: gain of the translations if it is to differ from ``alpha``.
+    ``translation_alpha``: gain of the translations if it is to differ from ``alpha``;
+    ``keep_contacts``: True finds what touched in the original and restores it
+    (:func:`jaxmotion.spacetime.keep_contacts`, Eq. 18), :class:`~jaxmotion.contacts.Contacts` are
+    restored as given (under ``jit`` only these).
     **Returns:** a motion of the layers' shape; ``synthesize(layers, 1, 1)`` is the original.
-    **Raises:** ``ValueError`` for a gain of another shape.
+    **Raises:** ``ValueError`` for a gain of another shape, contacts of another length.
     """
     moving = alpha if translation_alpha is None else translation_alpha
-    return _synthesize(
+    edit = _synthesize(
         layers,
         _gain("alpha", alpha, layers),
         _gain("translation_alpha", moving, layers),
         _gain("residual", residual, layers),
     )
+    if keep_contacts is False:
+        return edit
+    one = jnp.ones((), layers.base.dtype)
+    return kept(edit, _synthesize(layers, one, one, one), keep_contacts)
 
 
 @eqx.filter_jit
@@ -50,6 +59,20 @@ def _synthesize(layers: MotionLayers, turning: Array, moving: Array, residual: A
     rotations = layers.control.scale(turning).rotations
     control = Displacement(layers.control.scale(moving).translations, rotations)
     return plus(plus(layers.base, control), layers.residual.scale(residual))
+
+
+def kept(
+    edit: Motion,
+    original: Motion,
+    contacts: Contacts | bool,
+    length: ScalarLike | None = None,
+) -> Motion:
+    """:func:`jaxmotion.spacetime.keep_contacts`, whose solver loads on first use."""
+    if contacts is False:
+        return edit
+    from jaxmotion import spacetime
+
+    return spacetime.keep_contacts(edit, original, contacts, length=length)
 
 
 def denoise(
@@ -96,13 +119,15 @@ def stylize(
     residual: ArrayLike = 0.0,
     gamma: ScalarLike = np.pi / 2,
     length: ScalarLike | None = None,
+    keep_contacts: Contacts | bool = False,
 ) -> Motion:
     """Exaggerate (α > 1) or attenuate (α < 1) the style of a motion.
 
     **Arguments:** as :func:`synthesize` and :func:`decompose`; :func:`joint_weights` makes an
     ``alpha`` from names. **Returns:** a motion of the same shape. Eom et al. 2019, §5.2.
     """
-    return synthesize(decompose(motion, gamma=gamma, length=length), alpha, residual)
+    edit = synthesize(decompose(motion, gamma=gamma, length=length), alpha, residual)
+    return kept(edit, motion, keep_contacts, length)
 
 
 def joint_weights(

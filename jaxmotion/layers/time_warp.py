@@ -13,7 +13,8 @@ then run on the retimed signal, because stretched noise is slower noise. Source:
 
 How long it gets: (1 + a) times the clip, plus half of what is eased; with ``num_frames`` the whole
 result is stretched to that, so ``num_frames=len(motion)`` keeps the duration. The frame time stays.
-Feet slide: contacts are not looked at. O(T·J).
+With ``keep_contacts`` what touched in the source touches when its
+frame is shown. O(T·J).
 """
 
 from collections.abc import Sequence
@@ -28,7 +29,8 @@ from jaxtyping import Array, Float, Int
 from jaxmotion import quaternion
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, ScalarLike
-from jaxmotion.layers.synthesize import stylize
+from jaxmotion.contacts import Contacts, detect
+from jaxmotion.layers.synthesize import kept, stylize
 from jaxmotion.motion import Motion
 from jaxmotion.timing.buckets import bucket_size, pad_to_bucket
 from jaxmotion.timing.resample import Method, Signs, even_reading, frames_within, read_motion
@@ -50,6 +52,7 @@ def time_warp(
     signs: Signs = "min_energy",
     alpha: ArrayLike | None = None,
     residual: ScalarLike = 1.0,
+    keep_contacts: Contacts | bool = False,
 ) -> Motion:
     """A clip with another timing.
 
@@ -66,6 +69,9 @@ def time_warp(
     - ``method``, ``smoothing``, ``signs``: as :func:`jaxmotion.resample`.
     - ``alpha``, ``residual``: gains of style and noise of the retimed signal, as
       :func:`jaxmotion.stylize`; without them it is left as it is.
+    - ``keep_contacts``: True finds what touches in ``motion`` and restores it in the result
+      (:func:`jaxmotion.spacetime.keep_contacts`); or contacts of ``motion``, as found by
+      ``contacts.detect`` (under ``jit`` only these).
 
     **Returns:** a motion of the same frame time. Differentiable in the motion, ``amount``,
     ``pairs`` and ``ease``.
@@ -98,9 +104,13 @@ def time_warp(
     retimed = read_motion(
         motion, reading, motion.frame_time, method=method, smoothing=smoothing, signs=signs
     )
-    if alpha is None and isinstance(residual, (int, float)) and residual == 1:
-        return retimed
-    return stylize(retimed, 1.0 if alpha is None else alpha, residual=residual)
+    result = retimed
+    if alpha is not None or not isinstance(residual, (int, float)) or residual != 1:
+        result = stylize(retimed, 1.0 if alpha is None else alpha, residual=residual)
+    if keep_contacts is False:
+        return result
+    contacts = detect(motion) if keep_contacts is True else keep_contacts
+    return kept(result, retimed, contacts.at_frames(at))
 
 
 @eqx.filter_jit

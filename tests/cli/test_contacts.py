@@ -41,12 +41,21 @@ def test_list(jaxmotion, file, take, skating):
     assert "LeftHand" in jaxmotion(*words).stdout
 
 
-@pytest.mark.parametrize("way", ["legs", "root"])
+@pytest.mark.parametrize("way", ["legs", "root", "spacetime"])
 def test_restore(jaxmotion, file, tmp_path, skating, way):
     out = tmp_path / "clean.npz"
     jaxmotion("contacts", file, "-o", out, "--restore", way)
     found = jm.contacts.detect(skating)
     assert foot_skate(jm.load(out), found) < 0.4 * foot_skate(skating, found)
+
+
+def test_style_keeps_contacts(jaxmotion, file, tmp_path, skating):
+    plain, kept = tmp_path / "plain.npz", tmp_path / "kept.npz"
+    words = ("style", file, "--alpha", "2", "-o")
+    jaxmotion(*words, plain)
+    jaxmotion(*words, kept, "--keep-contacts")
+    found = jm.contacts.detect(skating)
+    assert foot_skate(jm.load(kept), found) < 0.1 * foot_skate(jm.load(plain), found)
 
 
 def test_what_is_missing_is_asked_for(jaxmotion, file, tmp_path):
