@@ -72,7 +72,12 @@ def dense_minimum(y, start, order, loss="l2", index=None, weights=None, lam=LAM,
     found = least_squares(
         residuals, np.zeros(3 * frames), jac="3-point", xtol=1e-15, ftol=1e-15, gtol=1e-15
     )
-    return np.roll(rotations(found.x).as_quat(), 1, axis=-1), found.cost
+    # It stops where the cost no longer tells iterates apart, at half the digits: some full steps.
+    v, nudges = found.x, 1e-5 * np.eye(3 * frames)
+    for _ in range(30):
+        rows = [(residuals(v + h) - residuals(v - h)) / 2e-5 for h in nudges]
+        v = v - np.linalg.lstsq(np.stack(rows, axis=1), residuals(v))[0]
+    return np.roll(rotations(v).as_quat(), 1, axis=-1), found.cost
 
 
 @pytest.mark.parametrize(
@@ -199,11 +204,14 @@ def test_float32_throughout_and_an_answer_or_a_flag_beyond_it(smooth):
         found = geodesic(q, lam, sigma, throw=False)
         return found.mean, found.covariance, found.converged
 
-    for stiffer, angle, relative in [(1, 1e-6, 1e-5), (1000, 1e-4, 0.1)]:
+    # At 1000 the normal equations have no digit to spare: rounding decides whether it converges.
+    for stiffer, angle, relative in [(1, 1e-6, 1e-5), (100, 1e-5, 1e-2), (1000, 1e-4, 0.1)]:
         inputs = (jnp.asarray(x, jnp.float32) for x in (q, stiffer * LAMS, SIGMAS))
         mean, covariance, converged = single(*inputs)
         assert mean.dtype == covariance.dtype == jnp.float32
-        assert converged
+        assert converged or stiffer == 1000
+        if not converged:
+            continue
         double, double_covariance = smooth(q, stiffer * LAMS, SIGMAS)
         assert largest_angle(mean, double) < angle
         largest = relative * jnp.max(double_covariance)
