@@ -44,8 +44,8 @@ class Gains(click.ParamType):
 @click.option(
     "--level",
     type=click.FloatRange(min=0),
-    help="Keep this many levels of detail and part of the next: 0 is the coarse motion, 2.5 has two "
-    "and a half.",
+    help="Keep this many levels of detail and part of the next: 0 is the coarse motion, 2.5 has "
+    "two and a half.",
 )
 @click.option(
     "--levels",
