@@ -2,5 +2,6 @@
 'jaxmotion[viz]'``."""
 
 from jaxmotion.viz.alignment import plot_alignment
+from jaxmotion.viz.contacts import plot_contacts
 
-__all__ = ["plot_alignment"]
+__all__ = ["plot_alignment", "plot_contacts"]

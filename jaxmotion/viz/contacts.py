@@ -1,0 +1,51 @@
+"""Contact phases against the heights of the points: whether what was found looks right."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxmotion.contacts import Contacts, intervals
+from jaxmotion.motion import Motion
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def plot_contacts(motion: Motion, contacts: Contacts) -> "Figure":
+    """Draw the height of every contact point over time, its contacts shaded.
+
+    **Arguments:** ``motion``: T frames; ``contacts``: of its frames. Heights are in the file's
+    unit, times in seconds; the points share their axes.
+    **Returns:** a Matplotlib figure of its own (``figure.savefig("contacts.png")``), outside
+    pyplot, with one row a point (one empty row if there are none).
+    **Raises:** ``ValueError`` for contacts of another number of frames; ``ImportError`` without
+    Matplotlib.
+    """
+    from matplotlib.figure import Figure
+
+    if contacts.num_frames != motion.num_frames:
+        raise ValueError(
+            f"plot_contacts: contacts of {contacts.num_frames} frames for a motion of "
+            f"{motion.num_frames}"
+        )
+    seconds = float(motion.frame_time)
+    up = "xyz".index(motion.skeleton.up)
+    heights = np.asarray(contacts.points.positions(motion))[..., up]
+    rows = max(1, contacts.num_points)
+    figure = Figure(figsize=(8.0, 1.0 + 1.3 * rows), layout="constrained")
+    grid = figure.subplots(rows, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    for axes, name, height in zip(grid, contacts.names, heights.T, strict=False):
+        axes.plot(seconds * np.arange(len(height)), height, color="C0")
+        axes.set_title(name, fontsize="small", loc="left")
+        for found in intervals(contacts):
+            if found.point == name:
+                # A frame lasts from half a frame before its time to half a frame after.
+                axes.axvspan(
+                    seconds * (found.first - 0.5),
+                    seconds * (found.last + 0.5),
+                    color="C1",
+                    alpha=0.3,
+                )
+    grid[-1].set_xlabel("seconds")
+    figure.supylabel("height")
+    return figure
