@@ -33,6 +33,7 @@ SIDEWAYS = {
     "io": {"skeleton", "motion"},
     "samples": {"skeleton", "motion", "kinematics"},
     "layers": {"contacts", "spacetime"},
+    "multiresolution": {"contacts", "spacetime"},
     "style": {"contacts", "spacetime"},
     "cleaning": {"contacts", "spacetime"},
     "spacetime": {"contacts"},

@@ -128,6 +128,15 @@ def files_argument(function: Callable) -> Callable:
     return click.argument("files", nargs=-1, required=True, metavar="FILES...")(function)
 
 
+def keep_contacts_option(function: Callable) -> Callable:
+    """``--keep-contacts``."""
+    return click.option(
+        "--keep-contacts",
+        is_flag=True,
+        help="Feet that stood still before stand still after, in the same places.",
+    )(function)
+
+
 def fps_option(function: Callable) -> Callable:
     """``--fps``."""
     return click.option(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from jaxmotion.cli._joining import a_file, file_options, join
-from jaxmotion.cli._options import Running, fps_option, running_options
+from jaxmotion.cli._options import Running, fps_option, keep_contacts_option, running_options
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 @click.option(
     "--levels", type=click.IntRange(0), help="Levels of detail; by default 6 or what a clip allows."
 )
+@keep_contacts_option
 @fps_option
 @running_options
 def command(
@@ -28,6 +29,7 @@ def command(
     second: Path,
     out: Path,
     levels: int | None,
+    keep_contacts: bool,
     fps: float | None,
     overwrite: bool,
     dry_run: bool,
@@ -37,7 +39,7 @@ def command(
     limping turn.
 
     The clips must have one skeleton and number of frames, and do alike at the same time: see
-    jaxmotion align. Feet that slide are left alone: see jaxmotion contacts.
+    jaxmotion align.
 
     \b
     jaxmotion blend walk.bvh limp.bvh turn.bvh -o limping-turn.bvh
@@ -52,7 +54,7 @@ def command(
             raise click.ClickException(
                 f"the clips have {numbers} frames; jaxmotion align gives one the timing of another"
             )
-        motion = blend(clips[0], clips[1], clips[2], levels)
+        motion = blend(*clips, levels=levels, keep_contacts=keep_contacts)
         return motion, f"{motion.num_frames} frames"
 
     sources = [reference, first, second]

@@ -10,6 +10,7 @@ from jaxmotion.cli._options import (
     Running,
     Selection,
     batch_options,
+    keep_contacts_option,
     running_options,
     selection_options,
 )
@@ -52,6 +53,7 @@ class Gains(click.ParamType):
     type=click.IntRange(0),
     help="Into how many levels to take a motion for --level; by default 6 or what it allows.",
 )
+@keep_contacts_option
 @selection_options
 @running_options
 def command(
@@ -61,9 +63,10 @@ def command(
     gains: tuple[float, ...] | None,
     level: float | None,
     levels: int | None,
+    keep_contacts: bool,
 ) -> None:
     """Take a motion apart into a coarse motion and levels of detail, twice as fine each, and put
-    it together with other shares of them. Feet that slide are left alone.
+    it together with other shares of them.
 
     \b
     jaxmotion multires walk.bvh -o lively.bvh --gains 1,1.3,1.6,1.3,1
@@ -75,7 +78,8 @@ def command(
         raise click.UsageError("say what: --gains 1,1.5,1, or --level 3; one of them")
     if gains is not None and levels is not None and levels != len(gains):
         raise click.UsageError(f"--levels {levels} and {len(gains)} --gains disagree")
-    edit_files(partial(edit, gains=gains, level=level, levels=levels), batch, running, selection)
+    changes = partial(edit, gains=gains, level=level, levels=levels, keep_contacts=keep_contacts)
+    edit_files(changes, batch, running, selection)
 
 
 def edit(
@@ -85,6 +89,7 @@ def edit(
     gains: tuple[float, ...] | None,
     level: float | None,
     levels: int | None,
+    keep_contacts: bool,
 ) -> "Motion":
     """The library's gains or level of detail on a padded clip."""
     import numpy as np
@@ -96,5 +101,5 @@ def edit(
     number = level_count(length, wanted, "multires")
     pyramid = build_pyramid(motion, number, length=length)
     if gains is not None:
-        return scale_details(pyramid, np.asarray(gains))
-    return level_of_detail(pyramid, level or 0.0)
+        return scale_details(pyramid, np.asarray(gains), keep_contacts=keep_contacts)
+    return level_of_detail(pyramid, level or 0.0, keep_contacts=keep_contacts)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from jaxmotion.cli._joining import file_options, join
-from jaxmotion.cli._options import Running, fps_option, running_options
+from jaxmotion.cli._options import Running, fps_option, keep_contacts_option, running_options
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     "either side.",
 )
 @click.option("--no-align", is_flag=True, help="Leave every clip where it stands and looks.")
+@keep_contacts_option
 @fps_option
 @running_options
 def command(
@@ -38,6 +39,7 @@ def command(
     search: float,
     levels: int | None,
     no_align: bool,
+    keep_contacts: bool,
     fps: float | None,
     overwrite: bool,
     dry_run: bool,
@@ -45,8 +47,7 @@ def command(
 ) -> None:
     """Join FILES, in the order given; those of a folder or pattern, by name.
 
-    Each clip is moved over the ground and turned to go on where the one before it ends. Feet that
-    slide are left alone: see jaxmotion contacts.
+    Each clip is moved over the ground and turned to go on where the one before it ends.
 
     \b
     jaxmotion stitch walk.bvh turn.bvh run.bvh -o all.bvh
@@ -57,7 +58,9 @@ def command(
         from jaxmotion.multiresolution import stitch
 
         frames = round(search / float(clips[0].frame_time))
-        joined = stitch(clips, levels, align=not no_align, search=frames)
+        joined = stitch(
+            clips, levels, align=not no_align, search=frames, keep_contacts=keep_contacts
+        )
         dropped = sum(clip.num_frames for clip in clips) - len(clips) + 1 - joined.num_frames
         return joined, f"{len(clips)} clips in {joined.num_frames} frames, {dropped} dropped"
 

@@ -11,6 +11,7 @@ from jaxmotion.cli._options import (
     Running,
     Selection,
     batch_options,
+    keep_contacts_option,
     running_options,
     selection_options,
 )
@@ -41,11 +42,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Share of the capture's noise that is kept.",
 )
-@click.option(
-    "--keep-contacts",
-    is_flag=True,
-    help="Feet that stood still before stand still after, in the same places.",
-)
+@keep_contacts_option
 @selection_options
 @running_options
 def command(

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion import spacetime
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
 from jaxmotion.displacement import Displacement, plus
@@ -51,7 +52,8 @@ def synthesize(
     if keep_contacts is False:
         return edit
     one = jnp.ones((), layers.base.dtype)
-    return kept(edit, _synthesize(layers, one, one, one), keep_contacts)
+    original = _synthesize(layers, one, one, one)
+    return spacetime.keep_contacts(edit, original, keep_contacts)
 
 
 @eqx.filter_jit
@@ -59,20 +61,6 @@ def _synthesize(layers: MotionLayers, turning: Array, moving: Array, residual: A
     rotations = layers.control.scale(turning).rotations
     control = Displacement(layers.control.scale(moving).translations, rotations)
     return plus(plus(layers.base, control), layers.residual.scale(residual))
-
-
-def kept(
-    edit: Motion,
-    original: Motion,
-    contacts: Contacts | bool,
-    length: ScalarLike | None = None,
-) -> Motion:
-    """:func:`jaxmotion.spacetime.keep_contacts`, whose solver loads on first use."""
-    if contacts is False:
-        return edit
-    from jaxmotion import spacetime
-
-    return spacetime.keep_contacts(edit, original, contacts, length=length)
 
 
 def denoise(
@@ -127,7 +115,7 @@ def stylize(
     ``alpha`` from names. **Returns:** a motion of the same shape. Eom et al. 2019, §5.2.
     """
     edit = synthesize(decompose(motion, gamma=gamma, length=length), alpha, residual)
-    return kept(edit, motion, keep_contacts, length)
+    return spacetime.keep_contacts(edit, motion, keep_contacts, length=length)
 
 
 def joint_weights(

@@ -13,8 +13,7 @@ then run on the retimed signal, because stretched noise is slower noise. Source:
 
 How long it gets: (1 + a) times the clip, plus half of what is eased; with ``num_frames`` the whole
 result is stretched to that, so ``num_frames=len(motion)`` keeps the duration. The frame time stays.
-With ``keep_contacts`` what touched in the source touches when its
-frame is shown. O(T·J).
+With ``keep_contacts`` what touched in the source touches when its frame is shown. O(T·J).
 """
 
 from collections.abc import Sequence
@@ -26,11 +25,11 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from jaxmotion import quaternion
+from jaxmotion import quaternion, spacetime
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts, detect
-from jaxmotion.layers.synthesize import kept, stylize
+from jaxmotion.layers.synthesize import stylize
 from jaxmotion.motion import Motion
 from jaxmotion.timing.buckets import bucket_size, pad_to_bucket
 from jaxmotion.timing.resample import Method, Signs, even_reading, frames_within, read_motion
@@ -110,7 +109,7 @@ def time_warp(
     if keep_contacts is False:
         return result
     contacts = detect(motion) if keep_contacts is True else keep_contacts
-    return kept(result, retimed, contacts.at_frames(at))
+    return spacetime.keep_contacts(result, retimed, contacts.at_frames(at))
 
 
 @eqx.filter_jit

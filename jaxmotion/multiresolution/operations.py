@@ -5,37 +5,46 @@
     blend                    base  m_c ⊕ (m_b ⊖ m_a),  details  d_b + (d_c − d_a)    Eq. 20
 
 ⊕, ⊖ in the body sense of :mod:`jaxmotion.displacement`, so none depends on the coordinates. Each
-returns a motion of the input's frames. Contacts are not kept: repair them afterwards. O(T·J),
+returns a motion of the input's frames. Contacts are kept on request. O(T·J),
 differentiable in the clips, the level and the gains.
 """
 
 import equinox as eqx
 import jax.numpy as jnp
 
+from jaxmotion import spacetime
 from jaxmotion._types import ArrayLike, ScalarLike
+from jaxmotion.contacts import Contacts
 from jaxmotion.displacement import Displacement, minus, plus
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.poses import Times
 from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid, synthesize
 
 
-def level_of_detail(pyramid: Pyramid, level: ScalarLike) -> Motion:
+def level_of_detail(
+    pyramid: Pyramid, level: ScalarLike, *, keep_contacts: Contacts | bool = False
+) -> Motion:
     """The motion without the details finer than a level.
 
     **Arguments:** ``level``: n + α in [0, N], traced or not: 0 leaves the base, N everything, a
-    fraction a part of the next details; beyond counts as the end of the range.
+    fraction a part of the next details; beyond counts as the end of the range;
+    ``keep_contacts``: as :func:`scale_details`.
     **Returns:** a motion of the original's frames. Lee & Shin 2001, §4.1.
     """
     finest = jnp.arange(pyramid.levels, dtype=pyramid.base.dtype)
     gains = jnp.clip(jnp.asarray(level, pyramid.base.dtype) - finest, 0, 1)
-    return scale_details(pyramid, gains)
+    return scale_details(pyramid, gains, keep_contacts=keep_contacts)
 
 
-def scale_details(pyramid: Pyramid, gains: ArrayLike) -> Motion:
+def scale_details(
+    pyramid: Pyramid, gains: ArrayLike, *, keep_contacts: Contacts | bool = False
+) -> Motion:
     """The motion with its details enhanced (gain > 1) or attenuated (< 1).
 
     **Arguments:** ``gains``: a scalar, f[N] one a level from coarse to fine, or f[N, J] one a level
-    and joint (f[1, J] for all levels alike).
+    and joint (f[1, J] for all levels alike); ``keep_contacts``: True finds what touches in the
+    original and restores it (:func:`jaxmotion.spacetime.keep_contacts`), contacts are restored as
+    given (under ``jit`` only these).
     **Returns:** a motion of the original's frames; gains of 1 give it back exactly as
     ``pyramid.reconstruct()`` does. **Raises:** ``ValueError`` for gains of another shape.
     Lee & Shin 2001, §4.2.
@@ -48,7 +57,12 @@ def scale_details(pyramid: Pyramid, gains: ArrayLike) -> Motion:
             f"or ({levels}, {joints}) a level and joint"
         )
     columns = gains[:, None] if gains.ndim == 1 else gains
-    return synthesize(pyramid, jnp.broadcast_to(columns, (levels, joints)))
+    edit = synthesize(pyramid, jnp.broadcast_to(columns, (levels, joints)))
+    if keep_contacts is False:
+        return edit
+    return spacetime.keep_contacts(
+        edit, pyramid.reconstruct(), keep_contacts, length=pyramid.length
+    )
 
 
 def blend(
@@ -58,11 +72,15 @@ def blend(
     levels: int | None = None,
     *,
     times: Times | None = None,
+    keep_contacts: Contacts | bool = False,
 ) -> Motion:
     """``second`` with what ``first`` has and ``reference`` lacks: limp + (turn − walk).
 
     **Arguments:** three clips of T frames and one skeleton, aligned in time
-    (:mod:`jaxmotion.timing`) and standing alike; ``levels``, ``times``: as :func:`build_pyramid`.
+    (:mod:`jaxmotion.timing`) and standing alike; ``levels``, ``times``: as :func:`build_pyramid`;
+    ``keep_contacts``: True finds what touches in ``second`` and restores it in the blend
+    (:func:`jaxmotion.spacetime.keep_contacts`), contacts are restored as given (under ``jit`` only
+    these).
     **Returns:** T frames, at the rate of ``second``. blend(a, b, a) = blend(a, a, b) = b.
     **Raises:** ``ValueError`` for clips of different shapes. Lee & Shin 2001, Eq. 20.
     """
@@ -75,7 +93,10 @@ def blend(
             )
     moving = tuple(sorted({j for m in (reference, first, second) for j in m.translated_joints}))
     alike = (with_moving_joints(m, moving) for m in (reference, first, second))
-    return _blend(*(build_pyramid(m, levels, times=times) for m in alike))
+    mixed = _blend(*(build_pyramid(m, levels, times=times) for m in alike))
+    if keep_contacts is False:
+        return mixed
+    return spacetime.keep_contacts(mixed, second, keep_contacts)
 
 
 @eqx.filter_jit

@@ -15,7 +15,8 @@ both are cut where the joint shows least: the pair of frames (i, j) with the sma
 
 an estimate of the largest acceleration about the seam: what the clips have there of their own, and
 what a transition of τ = ¼ s must add; v, a angular velocities and accelerations of the joints, |·|
-root mean squares over them. Contacts are not kept: repair them afterwards. O(T·J), differentiable
+root mean squares over them. Contacts are kept on request, those of the clips where they were
+moved to. O(T·J), differentiable
 in the clips (not in the choice of the cut).
 """
 
@@ -29,7 +30,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from jaxmotion import quaternion
+from jaxmotion import quaternion, spacetime
+from jaxmotion.contacts import Contacts
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.cascade import level_sizes
@@ -47,6 +49,7 @@ def stitch(
     *,
     align: bool = True,
     search: int = 0,
+    keep_contacts: Contacts | bool = False,
 ) -> Motion:
     """Clips one after another, seamlessly.
 
@@ -54,7 +57,10 @@ def stitch(
     a transition takes about 2·2ᴺ frames; by default the power of two that is nearest to half a
     second (which needs a concrete frame time), or less if a clip is short; ``align``: move each
     clip in the ground plane (:func:`follow`) to where the one before it ends; ``search``: drop up
-    to so many frames on either side of a seam to cut where it shows least (:func:`best_cut`).
+    to so many frames on either side of a seam to cut where it shows least (:func:`best_cut`);
+    ``keep_contacts``: True finds what touches in the clips, put end to end, and restores it
+    (:func:`jaxmotion.spacetime.keep_contacts`), contacts are restored as given, for the frames of
+    the result (under ``jit`` only these).
     **Returns:** T_A + T_B − 1 + T_C − 1 … frames, less what the search dropped.
     **Raises:** ``ValueError`` for no clips, clips of different skeletons or frame times, or a
     search in traced clips.
@@ -67,14 +73,20 @@ def stitch(
     for clip in others:
         _check_pair(first, clip)
     moving = tuple(sorted({j for m in motions for j in m.translated_joints}))
-    joined = with_moving_joints(first, moving)
+    joined = unseamed = with_moving_joints(first, moving)
     for clip in others:
         if search:
             end, start = best_cut(joined, clip, search)
-            joined, clip = joined[: joined.num_frames - end], clip[start:]
+            left = joined.num_frames - end
+            joined, unseamed, clip = joined[:left], unseamed[:left], clip[start:]
         depth = _default_levels(joined, clip) if levels is None else levels
-        joined = _stitch(joined, with_moving_joints(clip, moving), depth, align)
-    return joined
+        clip = with_moving_joints(clip, moving)
+        if align:
+            clip = _follow(joined, clip)
+        joined, unseamed = _stitch(joined, clip, depth), _end_to_end(unseamed, clip)
+    if keep_contacts is False:
+        return joined
+    return spacetime.keep_contacts(joined, unseamed, keep_contacts)
 
 
 def best_cut(first: Motion, second: Motion, search: int) -> tuple[int, int]:
@@ -164,9 +176,15 @@ def _follow(first: Motion, second: Motion) -> Motion:
     )
 
 
-def _stitch(first: Motion, second: Motion, levels: int, align: bool) -> Motion:
-    if align:
-        second = _follow(first, second)
+def _end_to_end(first: Motion, second: Motion) -> Motion:
+    """The clips as they are, the last frame of the first left out."""
+    return first.with_transforms(
+        jnp.concatenate([first.translations[:-1], second.translations]),
+        jnp.concatenate([first.rotations[:-1], second.rotations]),
+    )
+
+
+def _stitch(first: Motion, second: Motion, levels: int) -> Motion:
     # Not one program: clips of one length share theirs.
     ends, starts = build_pyramid(first[::-1], levels), build_pyramid(second, levels)
     return _concatenated(ends, starts, first.frame_time_text).reconstruct()

@@ -4,22 +4,13 @@ from typing import TYPE_CHECKING
 
 from jaxmotion._lazy import loader
 from jaxmotion.spacetime.joint_limits import JointLimits, learn_limits
+from jaxmotion.spacetime.keeping import keep_contacts, restore
 
 if TYPE_CHECKING:
-    from jaxmotion.spacetime.keeping import keep_contacts, restore
     from jaxmotion.spacetime.solve import Report, Weights, satisfy
 
 # optimistix takes a third of a second to import.
-__getattr__ = loader(
-    __name__,
-    {
-        "Report": "solve",
-        "Weights": "solve",
-        "keep_contacts": "keeping",
-        "restore": "keeping",
-        "satisfy": "solve",
-    },
-)
+__getattr__ = loader(__name__, dict.fromkeys(("Report", "Weights", "satisfy"), "solve"))
 
 __all__ = [
     "JointLimits",

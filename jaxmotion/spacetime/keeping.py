@@ -11,14 +11,19 @@ Contacts are found with :func:`jaxmotion.contacts.detect`, or given. Cost as
 :func:`jaxmotion.spacetime.satisfy`, O(T) for a body.
 """
 
+from typing import TYPE_CHECKING
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmotion import spacetime
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, detect, fit_distances
 from jaxmotion.motion import Motion
-from jaxmotion.spacetime.solve import Report, Weights, satisfy
+
+if TYPE_CHECKING:
+    from jaxmotion.spacetime.solve import Report, Weights
 
 
 def keep_contacts(
@@ -48,9 +53,9 @@ def restore(
     motion: Motion,
     contacts: Contacts,
     *,
-    weights: Weights | None = None,
+    weights: "Weights | None" = None,
     length: ScalarLike | None = None,
-) -> tuple[Motion, Report]:
+) -> "tuple[Motion, Report]":
     """:func:`~jaxmotion.spacetime.satisfy` with targets that the feet can meet.
 
     **Arguments:** ``contacts``: found on the motion, or on what it was edited from; the others as
@@ -59,4 +64,4 @@ def restore(
     if length is not None:
         counted = jnp.asarray(length > np.arange(contacts.num_frames))  # pyright: ignore
         contacts = eqx.tree_at(lambda c: c.mask, contacts, contacts.mask & counted[:, None])
-    return satisfy(motion, fit_distances(motion, contacts), weights=weights)
+    return spacetime.satisfy(motion, fit_distances(motion, contacts), weights=weights)

@@ -183,8 +183,16 @@ def test_several_processes(takes, tmp_path):
     assert names(tmp_path / "out") == ["a.npz", "día 1/b ü.npz"]
 
 
+@pytest.fixture
+def interruptible():
+    """Programs that a shell starts in the background ignore interrupts, and so would ours."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.parametrize("jobs", ["1", "2"])
-def test_ctrl_c_leaves_no_partial_file(tmp_path, jobs):
+def test_ctrl_c_leaves_no_partial_file(tmp_path, jobs, interruptible):
     folder = tmp_path / "takes"
     folder.mkdir()
     jm.save(swinging(30), folder / "0.bvh")

@@ -1,5 +1,7 @@
 """What multires, blend and stitch do to files."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -89,6 +91,24 @@ def test_stitch(jaxmotion, take, other, tmp_path):
     want = stitch(clips, 2, align=False, search=6)
     assert_same_clip(jm.load(out), want)
     assert f"{want.num_frames} frames, {79 - want.num_frames} dropped" in result.stderr
+
+
+def test_keep_contacts(jaxmotion, tmp_path):
+    """What it does is the library's: here, that the option arrives."""
+    take, out = tmp_path / "walk.bvh", tmp_path / "out.npz"
+    jm.save(jm.samples.walk(16, fps=15.0).motion, take)
+    words = ("-o", out, "--overwrite", "--keep-contacts")
+    walk = jm.load(take)
+    jaxmotion("multires", take, "--gains", "2", *words)
+    want = scale_details(build_pyramid(walk, 1), 2.0, keep_contacts=True)
+    assert_same_rotation(jm.load(out).rotations, want.rotations, 1e-3)
+    jaxmotion("blend", take, take, take, "--levels", "1", *words)
+    want = blend(walk, walk, walk, 1, keep_contacts=True)
+    assert_same_rotation(jm.load(out).rotations, want.rotations, 1e-3)
+    again = shutil.copy(take, tmp_path / "walk2.bvh")
+    jaxmotion("stitch", take, again, "--levels", "1", "--search", "0", *words)
+    want = stitch([walk, walk], 1, keep_contacts=True)
+    assert_same_rotation(jm.load(out).rotations, want.rotations, 1e-3)
 
 
 def test_they_refuse(jaxmotion, take, other, tmp_path):
