@@ -1,4 +1,4 @@
-"""Several clips into one file: what ``blend`` and ``stitch`` share."""
+"""Several clips into one file: what ``align``, ``blend`` and ``stitch`` share."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -29,27 +29,40 @@ def join(
     running: Running,
 ) -> None:
     """Read ``sources``, ``combine`` them, which also says what was done, and write ``out``."""
-    from jaxmotion.cli import _files, _session
+    from jaxmotion.cli import _session
 
     name = click.format_filename(out)
-    if out.suffix.lower() not in _files.SUFFIXES:
-        raise click.UsageError(f"-o {out.name}: expected a {', '.join(_files.SUFFIXES)} file")
-    if out.resolve() in {source.resolve() for source in sources}:
-        raise click.UsageError(f"{name} would be written over an input; give another name")
-    if out.exists() and not overwrite:
-        raise click.ClickException(f"{name} exists; add --overwrite")
+    check_targets([out], sources, overwrite=overwrite)
     if dry_run:
         click.echo(name)
         return
     _session.start(cache=running.cache, little=_session.is_little(sources))
-    motion, summary = combine(_read(sources, fps))
+    motion, summary = combine(read_clips(sources, fps))
     from jaxmotion.cli._work import finite, write
 
     write(finite(motion), out, overwrite=overwrite)
     click.echo(f"{name}: {summary}", err=True)
 
 
-def _read(sources: Sequence[Path], fps: float | None) -> "list[Motion]":
+def check_targets(targets: Sequence[Path], sources: Sequence[Path], *, overwrite: bool) -> None:
+    """Refuse to write a motion, the first of ``targets``, in a format that is none, and any of them
+    over a source or, unasked, over a file that exists."""
+    from jaxmotion.cli import _files
+
+    out = targets[0]
+    if out.suffix.lower() not in _files.SUFFIXES:
+        raise click.UsageError(f"-o {out.name}: expected a {', '.join(_files.SUFFIXES)} file")
+    inputs = {source.resolve() for source in sources}
+    for target in targets:
+        name = click.format_filename(target)
+        if target.resolve() in inputs:
+            raise click.UsageError(f"{name} would be written over an input; give another name")
+        if target.exists() and not overwrite:
+            raise click.ClickException(f"{name} exists; add --overwrite")
+
+
+def read_clips(sources: Sequence[Path], fps: float | None) -> "list[Motion]":
+    """The clips; what had to be repaired is told on stderr."""
     from jaxmotion.cli._work import read, told
 
     with warnings.catch_warnings(record=True) as caught:

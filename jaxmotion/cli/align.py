@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jaxmotion import __version__
+from jaxmotion.cli._joining import check_targets, read_clips
 from jaxmotion.cli._options import Running, fps_option, running_options
 
 if TYPE_CHECKING:
@@ -86,12 +87,12 @@ def command(
     \b
     jaxmotion align walk.bvh limp.bvh -o walk-in-time.bvh --path path.json --plot path.png
     """
-    from jaxmotion.cli import _files, _session
+    from jaxmotion.cli import _session
 
-    if out.suffix.lower() not in _files.SUFFIXES:
-        raise click.UsageError(f"-o {out.name}: expected a {', '.join(_files.SUFFIXES)} file")
     targets = [file for file in (out, path, plot) if file is not None]
-    _check_targets(targets, {source.resolve(), reference.resolve()}, overwrite=overwrite)
+    check_targets(targets, [source, reference], overwrite=overwrite)
+    if len({file.resolve() for file in targets}) < len(targets):
+        raise click.UsageError("-o, --path and --plot name the same file")
     if dry_run:
         for file in targets:
             click.echo(click.format_filename(file))
@@ -108,17 +109,6 @@ def command(
     click.echo(f"{click.format_filename(out)}: {_summary(found)}", err=True)
 
 
-def _check_targets(targets: list[Path], sources: set[Path], *, overwrite: bool) -> None:
-    for file in targets:
-        if file.resolve() in sources:
-            name = click.format_filename(file)
-            raise click.UsageError(f"{name} would be written over an input; give another name")
-        if file.exists() and not overwrite:
-            raise click.ClickException(f"{click.format_filename(file)} exists; add --overwrite")
-    if len({file.resolve() for file in targets}) < len(targets):
-        raise click.UsageError("-o, --path and --plot name the same file")
-
-
 def _require_matplotlib() -> None:
     from importlib.util import find_spec
 
@@ -128,17 +118,10 @@ def _require_matplotlib() -> None:
 
 def _align(source: Path, reference: Path, fps: float | None, **options: Any) -> "Alignment":
     """Read both clips, tell of repairs, and align them."""
-    import warnings
-
-    from jaxmotion.cli._work import finite, read, told
+    from jaxmotion.cli._work import finite
     from jaxmotion.timing import align
 
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        clips = [read(file, fps) for file in (source, reference)]
-    for text in told(caught):
-        click.echo(f"warning: {text}", err=True)
-    found = align(*clips, **options)
+    found = align(*read_clips([source, reference], fps), **options)
     finite(found.motion)
     return found
 

@@ -23,7 +23,7 @@ from jaxmotion import quaternion
 from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
-from jaxmotion.multiresolution.cascade import ascend, descend
+from jaxmotion.multiresolution.cascade import ascend, descend, level_sizes
 from jaxmotion.multiresolution.levels import level_of
 from jaxmotion.multiresolution.poses import (
     Poses,
@@ -152,15 +152,12 @@ def _quantise(
     count = jnp.asarray(motion.num_frames, int)
     fine = level_of(*poses_of(motion), spacing_of(times, count), count)
     coarse, wanted = descend(fine, levels, True, lambda odd, _: odd)
-    frames = [motion.num_frames]
-    for _ in range(levels):
-        frames.append(frames[-1] // 2 + 1)
     pyramid = Pyramid(
         base=motion_of((coarse.translations, coarse.rotations), motion, 2.0**levels),
         details=(),
         times=times,
         length=None,
-        frames=tuple(frames[::-1]),
+        frames=tuple(level_sizes(motion.num_frames, levels)[::-1]),
         skips=(0,) * levels,
         lazy=True,
         frame_time_text=motion.frame_time_text,

@@ -94,8 +94,6 @@ def blend(
     moving = tuple(sorted({j for m in (reference, first, second) for j in m.translated_joints}))
     alike = (with_moving_joints(m, moving) for m in (reference, first, second))
     mixed = _blend(*(build_pyramid(m, levels, times=times) for m in alike))
-    if keep_contacts is False:
-        return mixed
     return spacetime.keep_contacts(mixed, second, keep_contacts)
 
 

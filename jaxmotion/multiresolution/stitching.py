@@ -84,8 +84,6 @@ def stitch(
         if align:
             clip = _follow(joined, clip)
         joined, unseamed = _stitch(joined, clip, depth), _end_to_end(unseamed, clip)
-    if keep_contacts is False:
-        return joined
     return spacetime.keep_contacts(joined, unseamed, keep_contacts)
 
 

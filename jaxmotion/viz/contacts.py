@@ -31,21 +31,17 @@ def plot_contacts(motion: Motion, contacts: Contacts) -> "Figure":
     seconds = float(motion.frame_time)
     up = "xyz".index(motion.skeleton.up)
     heights = np.asarray(contacts.points.positions(motion))[..., up]
+    found = intervals(contacts)
     rows = max(1, contacts.num_points)
     figure = Figure(figsize=(8.0, 1.0 + 1.3 * rows), layout="constrained")
     grid = figure.subplots(rows, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for axes, name, height in zip(grid, contacts.names, heights.T, strict=False):
         axes.plot(seconds * np.arange(len(height)), height, color="C0")
         axes.set_title(name, fontsize="small", loc="left")
-        for found in intervals(contacts):
-            if found.point == name:
-                # A frame lasts from half a frame before its time to half a frame after.
-                axes.axvspan(
-                    seconds * (found.first - 0.5),
-                    seconds * (found.last + 0.5),
-                    color="C1",
-                    alpha=0.3,
-                )
+        for touch in (interval for interval in found if interval.point == name):
+            # A frame lasts from half a frame before its time to half a frame after.
+            begin, end = seconds * (touch.first - 0.5), seconds * (touch.last + 0.5)
+            axes.axvspan(begin, end, color="C1", alpha=0.3)
     grid[-1].set_xlabel("seconds")
     figure.supylabel("height")
     return figure
