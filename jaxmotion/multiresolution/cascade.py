@@ -17,12 +17,12 @@ from jaxtyping import Array
 from jaxmotion.multiresolution.levels import (
     Level,
     continued,
-    interleaved,
     level_of,
     odd_frames,
     reduced,
 )
 from jaxmotion.multiresolution.poses import Poses
+from jaxmotion.multiresolution.rows import interleaved
 
 _LONG, _UNROLLED = 256, 3
 

@@ -1,7 +1,8 @@
 """Rotations by components: what every level of a pyramid computes most.
 
     step(a, b)   = log(a⁻¹b) = ω     dω = M(ω) δ_b − M(ω)ᵀ δ_a
-    turned(q, v) = q·exp(v) = q′     dq′ = ½ q′·(0, exp(v)⁻¹ δ_q exp(v) + Jr(v) dv)
+    turned(q, v) = q·exp(v) = q′     δ′ = exp(v)⁻¹ δ_q exp(v) + Jr(v) dv
+    slerp_½(a, b) = m                δ_m = ½(δ_a + δ_b) + ½ tan(θ/4)n × (δ_b − δ_a),  ω = θn
 
     δ = 2 vec(q̄ dq), the turn of q in its own frame; c = cos(θ/2), s = sin(θ/2)/θ, θ = ‖v‖ ≤ 2π
     Jr(v) = I − 2s²[v]× + k[v]×²,   k = (1 − 2sc)/θ²
@@ -31,7 +32,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxmotion._numerics import safe_sqrt, series_switch
+from jaxmotion._numerics import series_switch
 from jaxmotion.quaternion.algebra import product, rotated
 
 Parts = tuple[Array, ...]
@@ -92,7 +93,16 @@ def _step_jvp(primals, tangents):
 
 
 def _step_change(a: Parts, b: Parts, omega: Parts, da: Parts, db: Parts) -> Parts:
-    before, after = own_turn(a, da), own_turn(b, db)
+    return _step_of_turns(omega, own_turn(a, da), own_turn(b, db))
+
+
+def _step_pull(a: Parts, b: Parts, omega: Parts, pull: Parts) -> tuple[Parts, Parts]:
+    by_a, by_b = _turns_of_step(omega, pull)
+    return own_pull(a, by_a), own_pull(b, by_b)
+
+
+def _step_of_turns(omega: Parts, before: Parts, after: Parts) -> Parts:
+    """dω of the two rotations' turns: M(ω) δ_b − M(ω)ᵀ δ_a."""
     difference = tuple(v - u for u, v in zip(before, after, strict=True))
     mean = tuple(0.5 * (u + v) for u, v in zip(before, after, strict=True))
     twice = cross(omega, cross(omega, difference))
@@ -100,13 +110,15 @@ def _step_change(a: Parts, b: Parts, omega: Parts, da: Parts, db: Parts) -> Part
     return added(added(difference, cross(omega, mean)), bent)
 
 
-def _step_pull(a: Parts, b: Parts, omega: Parts, pull: Parts) -> tuple[Parts, Parts]:
+def _turns_of_step(omega: Parts, pull: Parts) -> tuple[Parts, Parts]:
+    """The transpose of :func:`_step_of_turns`."""
+    factor = fenced(lambda omega: _inverse_jacobian_factor(dot(omega, omega)), omega)
     once = cross(omega, pull)
-    twice = scaled(_inverse_jacobian_factor(dot(omega, omega)), cross(omega, once))
+    twice = scaled(factor, cross(omega, once))
     even, odd = added(pull, twice), scaled(0.5, once)
-    before = tuple(-x - y for x, y in zip(even, odd, strict=True))
-    after = tuple(x - y for x, y in zip(even, odd, strict=True))
-    return own_pull(a, before), own_pull(b, after)
+    by_before = tuple(-x - y for x, y in zip(even, odd, strict=True))
+    by_after = tuple(x - y for x, y in zip(even, odd, strict=True))
+    return by_before, by_after
 
 
 @jax.custom_jvp
@@ -121,48 +133,58 @@ def _steps_jvp(primals, tangents):
     omega = steps(q)
 
     def change(q, omega, dq):
-        return _step_change(*neighbours(q), omega, *neighbours(dq))
+        return _step_of_turns(omega, *neighbours(own_turn(q, dq)))
 
     def pull(q, omega, pull):
-        return (joined_neighbours(*_step_pull(*neighbours(q), omega, pull)),)
+        turns = fenced(_turns_of_step, omega, pull)
+        return (own_pull(q, joined_neighbours(*turns)),)
 
     return omega, linear(change, pull, (q, omega), (dq,))
 
 
 @jax.custom_jvp
-def midpoints(q: Parts) -> Parts:
-    """slerp_½(q_i, q_{i+1}) = (q_i ± q_{i+1})/‖q_i ± q_{i+1}‖, the short way round: f[T − 1, J]."""
+def halfway(q: Parts, v: Parts) -> Parts:
+    """slerp_½(q_i, q_{i+1})·exp(v_i), the short way round: f[T − 1, J]."""
 
-    def midpoint(q):
+    def value(q, v):
         a, b = neighbours(q)
-        sign, scale = _midpoint_scale(a, b)
-        return tuple((x + sign * y) * scale for x, y in zip(a, b, strict=True))
+        cosine = dot(a, b)
+        scale = jax.lax.rsqrt(2 + 2 * jnp.abs(cosine))
+        other = jnp.where(cosine < 0, -scale, scale)
+        return _turned(tuple(x * scale + y * other for x, y in zip(a, b, strict=True)), v)
 
-    return fenced(midpoint, q)
-
-
-@midpoints.defjvp
-def _midpoints_jvp(primals, tangents):
-    (q,), (dq,) = primals, tangents
-    middle = midpoints(q)
-
-    def change(q, middle, dq):
-        sign, scale = _midpoint_scale(*neighbours(q))
-        moved = tuple(scale * (x + sign * y) for x, y in zip(*neighbours(dq), strict=True))
-        return added(moved, scaled(-dot(middle, moved), middle))
-
-    def pull(q, middle, pull):
-        sign, scale = _midpoint_scale(*neighbours(q))
-        level = scaled(scale, added(pull, scaled(-dot(middle, pull), middle)))
-        return (joined_neighbours(level, scaled(sign, level)),)
-
-    return middle, linear(change, pull, (q, middle), (dq,))
+    return fenced(value, q, v)
 
 
-def _midpoint_scale(a: Parts, b: Parts) -> tuple[Array, Array]:
-    cosine = dot(a, b)
-    sign = jnp.where(cosine < 0, -1.0, 1.0).astype(cosine.dtype)
-    return sign, jax.lax.rsqrt(2 + 2 * jnp.abs(cosine))
+@halfway.defjvp
+def _halfway_jvp(primals, tangents):
+    (q, v), (dq, dv) = primals, tangents
+    result = halfway(q, v)
+
+    def change(q, v, result, dq, dv):
+        before, after = neighbours(own_turn(q, dq))
+        difference = tuple(y - x for x, y in zip(before, after, strict=True))
+        middle = added(added(before, after), cross(_quarter_tangent(q), difference))
+        return turning(result, _turn_of_turned(v, scaled(0.5, middle), dv))
+
+    def pull(q, v, result, pull):
+        before, after, by_v = fenced(turns, q, v, result, pull)
+        return own_pull(q, joined_neighbours(before, after)), by_v
+
+    def turns(q, v, result, pull):
+        by_middle, by_v = _turns_of_turned(v, turning_pull(result, pull))
+        half = scaled(0.5, by_middle)
+        bent = cross(_quarter_tangent(q), half)
+        return added(half, bent), tuple(x - y for x, y in zip(half, bent, strict=True)), by_v
+
+    return result, linear(change, pull, (q, v, result), (dq, dv))
+
+
+def _quarter_tangent(q: Parts) -> Parts:
+    """tan(θ/4) about the axis of each step."""
+    before, after = neighbours(q)
+    w, *x = product(conjugate(before), after)
+    return scaled(jnp.where(w < 0, -1.0, 1.0).astype(w.dtype) / (1 + jnp.abs(w)), tuple(x))
 
 
 def neighbours(q: Parts) -> tuple[Parts, Parts]:
@@ -173,8 +195,7 @@ def neighbours(q: Parts) -> tuple[Parts, Parts]:
 def joined_neighbours(a: Parts, b: Parts) -> Parts:
     """The transpose of :func:`neighbours`."""
     return tuple(
-        jnp.pad(x, ((0, 1), (0, 0))) + jnp.pad(y, ((1, 0), (0, 0)))
-        for x, y in zip(a, b, strict=True)
+        jnp.concatenate([x[:1], x[1:] + y[:-1], y[-1:]]) for x, y in zip(a, b, strict=True)
     )
 
 
@@ -203,37 +224,61 @@ def _half_angle(x: Array) -> tuple[Array, Array]:
     return 1 - 2 * y * sine * sine, 0.5 * sine * _polynomial(_COSINE, y)
 
 
+@jax.custom_jvp
 def wrapped(v: Parts) -> Parts:
-    """Another rotation vector of the same rotation, no longer than π (to rounding); same gradient
-    along v."""
-    angle = safe_sqrt(dot(v, v))
-    turns = jax.lax.stop_gradient(jnp.round(angle / (2 * np.pi)))
-    return scaled(
-        jnp.where(turns > 0, 1 - 2 * np.pi * turns / jnp.where(turns > 0, angle, 1), 1), v
-    )
+    """Another rotation vector of the same rotation, no longer than π (to rounding)."""
+    return fenced(lambda v: scaled(1 - _whole_turns(v)[0], v), v)
+
+
+@wrapped.defjvp
+def _wrapped_jvp(primals, tangents):
+    (v,), (dv,) = primals, tangents
+
+    def change(v, dv):
+        taken, square = _whole_turns(v)
+        return added(scaled(1 - taken, dv), scaled(taken / square * dot(v, dv), v))
+
+    # The matrix of change is symmetric.
+    return wrapped(v), linear(change, lambda v, pull: (change(v, pull),), (v,), (dv,))
+
+
+def _whole_turns(v: Parts) -> tuple[Array, Array]:
+    """2πn/θ for the n whole turns in v, and θ² (1 if there are none)."""
+    square = dot(v, v)
+    turns = jnp.round(jnp.sqrt(square) / (2 * np.pi))
+    square = jnp.where(turns > 0, square, 1)
+    return 2 * np.pi * turns * jax.lax.rsqrt(square), square
 
 
 @turned.defjvp
 def _turned_jvp(primals, tangents):
     (q, v), (dq, dv) = primals, tangents
     result = turned(q, v)
-    return result, linear(_turned_change, _turned_pull, (q, v, result), (dq, dv))
+
+    def change(q, v, result, dq, dv):
+        return turning(result, _turn_of_turned(v, own_turn(q, dq), dv))
+
+    def pull(q, v, result, pull):
+        by_q, by_v = _turns_of_turned(v, turning_pull(result, pull))
+        return own_pull(q, by_q), by_v
+
+    return result, linear(change, pull, (q, v, result), (dq, dv))
 
 
-def _turned_change(q: Parts, v: Parts, result: Parts, dq: Parts, dv: Parts) -> Parts:
+def _turn_of_turned(v: Parts, turn: Parts, dv: Parts) -> Parts:
+    """The turn of q·exp(v) from that of q and dv: exp(v)⁻¹ δ exp(v) + Jr(v) dv."""
     c, s, k = _right_jacobian(v)
     once = cross(v, dv)
     moved = added(dv, added(scaled(-2 * s * s, once), scaled(k, cross(v, once))))
-    spin = added(rotated(conjugate((c, *scaled(s, v))), own_turn(q, dq)), moved)
-    return scaled(0.5, product(result, (jnp.zeros_like(c), *spin)))
+    return added(rotated(conjugate((c, *scaled(s, v))), turn), moved)
 
 
-def _turned_pull(q: Parts, v: Parts, result: Parts, pull: Parts) -> tuple[Parts, Parts]:
-    c, s, k = _right_jacobian(v)
-    spin = scaled(0.5, product(conjugate(result), pull)[1:])
-    once = cross(v, spin)
-    by_v = added(spin, added(scaled(2 * s * s, once), scaled(k, cross(v, once))))
-    return own_pull(q, rotated((c, *scaled(s, v)), spin)), by_v
+def _turns_of_turned(v: Parts, pull: Parts) -> tuple[Parts, Parts]:
+    """The transpose of :func:`_turn_of_turned`."""
+    c, s, k = fenced(_right_jacobian, v)
+    once = cross(v, pull)
+    by_v = added(pull, added(scaled(2 * s * s, once), scaled(k, cross(v, once))))
+    return rotated((c, *scaled(s, v)), pull), by_v
 
 
 def _right_jacobian(v: Parts) -> tuple[Array, Array, Array]:
@@ -283,9 +328,19 @@ def own_turn(q: Parts, dq: Parts) -> Parts:
     return scaled(2.0, product(conjugate(q), dq)[1:])
 
 
-def own_pull(q: Parts, turn: Parts) -> Parts:
+def own_pull(q: Parts, pull: Parts) -> Parts:
     """The transpose of :func:`own_turn`."""
-    return scaled(2.0, product(q, (jnp.zeros_like(turn[0]), *turn)))
+    return scaled(4.0, turning(q, pull))
+
+
+def turning(q: Parts, turn: Parts) -> Parts:
+    """dq = ½ q·(0, δ), the inverse of :func:`own_turn`."""
+    return scaled(0.5, product(q, (jnp.zeros_like(turn[0]), *turn)))
+
+
+def turning_pull(q: Parts, pull: Parts) -> Parts:
+    """The transpose of :func:`turning`."""
+    return scaled(0.25, own_turn(q, pull))
 
 
 def dot(a: Parts, b: Parts) -> Array:

@@ -33,13 +33,14 @@ from jaxmotion.multiresolution.kernels import (
     Parts,
     added,
     conjugate,
-    midpoints,
+    halfway,
     neighbours,
     scaled,
     steps,
     turned,
 )
 from jaxmotion.multiresolution.masks import divided_difference
+from jaxmotion.multiresolution.rows import Ends, every_second, window_sums
 from jaxmotion.quaternion.algebra import product
 
 
@@ -66,24 +67,30 @@ def level_of(translations: Parts, rotations: Parts, spacing: Array | None, count
 
 def even_frames(fine: Level) -> tuple[Parts, Parts, Array | None]:
     """Every second pose and the spacing between them, f[T//2 + 1, J], continued past an even c."""
-    past = mirror_index(fine.count - 1, fine.count - 1)[None]
-    last = fine.count[None] - 1
-    odd = fine.count % 2 == 1
+    count, frames = fine.count, len(fine.rotations[0])
+    rows = min(frames, 3)
+    start = jnp.maximum(count - rows, 0)
+    past = mirror_index(count - 1, count - 1) - start
 
-    def ended(parts: Parts, end: Parts) -> Parts:
+    def ended(even: Parts, end: Parts) -> Parts:
         return tuple(
-            _with_row(_room(x[::2], x.shape[0] // 2 + 1), fine.count // 2, row)
-            for x, row in zip(parts, end, strict=True)
+            _with_row(_room(x, frames // 2 + 1), count // 2, row)
+            for x, row in zip(even, end, strict=True)
         )
 
-    p = tuple(x[last] for x in fine.translations)
-    q = tuple(x[last] for x in fine.rotations)
-    beyond_p = added(p, tuple(x[past] for x in fine.moves))
-    a, b = (tuple(x[past + i] for x in fine.rotations) for i in (0, 1))
-    beyond_q = product(q, product(conjugate(a), b))
-    choose = jax.tree.map(lambda a, b: jnp.where(odd, a, b), (p, q), (beyond_p, beyond_q))
-    spacing = None if fine.spacing is None else coarser_spacing(fine.spacing, fine.count)
-    return ended(fine.translations, choose[0]), ended(fine.rotations, choose[1]), spacing
+    def at(near: Parts, index: Array) -> Parts:
+        return tuple(x[jnp.minimum(index, rows - 1)][None] for x in near)
+
+    even_p, near_p = every_second(fine.translations, start, rows)
+    even_q, near_q = every_second(fine.rotations, start, rows)
+    last = count - 1 - start
+    p, q = at(near_p, last), at(near_q, last)
+    move = tuple(y - x for x, y in zip(at(near_p, past), at(near_p, past + 1), strict=True))
+    turn = product(conjugate(at(near_q, past)), at(near_q, past + 1))
+    odd, beyond = count % 2 == 1, (added(p, move), product(q, turn))
+    end_p, end_q = jax.tree.map(lambda a, b: jnp.where(odd, a, b), (p, q), beyond)
+    spacing = None if fine.spacing is None else coarser_spacing(fine.spacing, count)
+    return ended(even_p, end_p), ended(even_q, end_q), spacing
 
 
 def coarser_spacing(spacing: Array, count: Array) -> Array:
@@ -102,53 +109,29 @@ def reduced(fine: Level, *, smooth: bool = True) -> Level:
     """R, or without ``smooth`` only its even frames: T to T//2 + 1 frames."""
     p, q, spacing = even_frames(fine)
     if smooth:
-        rows = p[0].shape[0]
-        weights = _reduction_weights(fine.spacing, fine.count, rows, p[0].dtype)
-
-        def change(turns: Parts) -> Parts:
-            return tuple(
-                sum(
-                    (w * x[m : m + 2 * rows - 1 : 2] for m, w in enumerate(weights)),
-                    start=jnp.zeros((), x.dtype),
-                )
-                for x in (_mirrored(s, fine.count) for s in turns)
-            )
-
-        p, q = added(p, change(fine.moves)), turned(q, change(fine.turns))
+        weights = _reduction_weights(fine.spacing, fine.count, len(p[0]))
+        ends = _mirrored_ends(len(fine.rotations[0]) - 1, fine.count, p[0].dtype)
+        p = added(p, window_sums(fine.moves, weights, ends, 2))
+        q = turned(q, window_sums(fine.turns, weights, ends, 2))
     return level_of(p, q, spacing, fine.count // 2 + 1)
 
 
 def odd_frames(coarse: Level, fine_spacing: Array | None) -> tuple[Parts, Parts]:
     """E's new poses, one between each two: f[K − 1, J] of a level of K frames; ``fine_spacing``
     f[2(K − 1)] of the frames that come out, :func:`continued`, if uneven."""
-    p = tuple(x[:-1] for x in coarse.translations)
+    p, count = tuple(x[:-1] for x in coarse.translations), coarse.count
     if fine_spacing is None:
-        tau, middle = 0.5, midpoints(coarse.rotations)
-        weights = (1 / 16, 0.0, -1 / 16)
-        ends = _even_ends(coarse.count, p[0].dtype)
+        tau, weights, outer = 0.5, (1 / 16, 0.0, -1 / 16), _even_ends(count, p[0].dtype)
     else:
-        tau, weights, ends = _uneven_weights(coarse, fine_spacing)
-        middle = turned(neighbours(coarse.rotations)[0], scaled(tau, coarse.turns))
-
-    def correction(turns: Parts) -> Parts:
-        extended = (_extended(x, coarse.count - 1, ends) for x in turns)
-        return tuple(
-            sum((w * x[m : m + len(x) - 2] for m, w in enumerate(weights)), jnp.zeros((), x.dtype))
-            for x in extended
-        )
-
-    moved = added(scaled(tau, coarse.moves), correction(coarse.moves))
-    return added(p, moved), turned(middle, correction(coarse.turns))
-
-
-def interleaved(even: Parts, odd: Parts) -> Parts:
-    """even₀ odd₀ even₁ …: K and K − 1 frames to 2K − 1."""
-
-    def merge(e, o):
-        pairs = jnp.stack([e[:-1], o], axis=1).reshape(-1, *e.shape[1:])
-        return jnp.concatenate([pairs, e[-1:]])
-
-    return tuple(merge(e, o) for e, o in zip(even, odd, strict=True))
+        tau, weights, outer = _uneven_weights(coarse, fine_spacing)
+    ends = _drawn_ends(len(p[0]), count, outer)
+    p = added(p, scaled(tau, coarse.moves))
+    p = added(p, window_sums(coarse.moves, weights, ends))
+    change = window_sums(coarse.turns, weights, ends)
+    if fine_spacing is None:
+        return p, halfway(coarse.rotations, change)
+    middle = turned(neighbours(coarse.rotations)[0], scaled(tau, coarse.turns))
+    return p, turned(middle, change)
 
 
 def mirror_index(index: Array, count: Array) -> Array:
@@ -159,19 +142,32 @@ def mirror_index(index: Array, count: Array) -> Array:
     return jnp.clip(jnp.minimum(index, period - index), 0, jnp.maximum(count - 1, 0))
 
 
-def _mirrored(steps: Array, count: Array) -> Array:
-    """Steps −2 … of a clip of ``count`` frames, first continued by one if they are even, then
-    mirrored: two rows in front and three behind the buffer's."""
+def _mirrored(spacing: Array, count: Array) -> Array:
+    """Spacings −2 … of a clip of ``count`` frames, first continued by one if they are even, then
+    mirrored: two in front and three behind the buffer's."""
+    before, behind = _mirrored_steps(count)
+    room = jnp.ones(3, spacing.dtype)
+    longer = jnp.concatenate([spacing[before], spacing, room])
+    return jax.lax.dynamic_update_slice(longer, spacing[behind], (count + 1,))
+
+
+def _mirrored_steps(count: Array) -> tuple[Array, Array]:
+    """Which of a clip's steps stand for the two before the first and the three after the last."""
     real = count - 1
     whole = real + 1 - count % 2
+    before, behind = (
+        mirror_index(first + jnp.arange(n), whole) for first, n in ((-2, 2), (real, 3))
+    )
+    return mirror_index(before, real), mirror_index(behind, real)
 
-    def rows(first, number):
-        index = first + jnp.arange(number)
-        return steps[mirror_index(mirror_index(index, whole), real)]
 
-    room = jnp.ones((3, *steps.shape[1:]), steps.dtype)  # ones: spacings stay positive
-    longer = jnp.concatenate([rows(-2, 2), steps, room])
-    return jax.lax.dynamic_update_slice_in_dim(longer, rows(real, 3), real + 2, 0)
+def _mirrored_ends(steps: int, count: Array, dtype) -> Ends:
+    """The same as weights of the steps near each end."""
+    before, behind = _mirrored_steps(count)
+    near = jnp.arange(min(steps, 5))
+    start = jnp.maximum(count - 1 - len(near), 0)
+    front, back = ((index[:, None] == near).astype(dtype) for index in (before, behind - start))
+    return Ends(front, back, start, count - 1)
 
 
 def _room(x: Array, rows: int) -> Array:
@@ -184,29 +180,31 @@ def _with_row(x: Array, row: Array, value: Array) -> Array:
     return jax.lax.dynamic_update_slice_in_dim(x, value, row, 0)
 
 
-def _reduction_weights(spacing: Array | None, count: Array, rows: int, dtype) -> list:
+def _reduction_weights(spacing: Array | None, count: Array, rows: int) -> tuple:
     """b₋₂ … b₁ of the mask: numbers, or f[rows, 1] for uneven spacing."""
     if spacing is None:
-        return [1 / 24, -3 / 24, 3 / 24, -1 / 24]
+        return 1 / 24, -3 / 24, 3 / 24, -1 / 24
     h = _mirrored(spacing, count)
     before2, before, after, after2 = (h[m : m + 2 * rows - 1 : 2] for m in range(4))
     knots = [-before2 - before, -before, jnp.zeros_like(after), after, after + after2]
     mean = (knots[4] - knots[0]) / 4
     a = -divided_difference(jnp.stack(knots, axis=1) / mean[:, None])
     left, right = a[:, 0], a[:, 4]
-    return [b[:, None] for b in (-left, -left - a[:, 1], a[:, 3] + right, right)]
+    return tuple(b[:, None] for b in (-left, -left - a[:, 1], a[:, 3] + right, right))
 
 
-def _extended(steps: Array, real: Array, ends: tuple[Array, Array]) -> Array:
-    """Steps −1 … real, the outer two by ``ends``: weights f[3] of the three steps next to each."""
-    inward = jnp.arange(3)
+def _drawn_ends(steps: int, count: Array, outer: tuple[Array, Array]) -> Ends:
+    """One step beyond each end; ``outer``: weights f[3] of the three steps next to each."""
+    real = count - 1
+    near, inward = jnp.arange(min(steps, 3)), jnp.arange(3)
+    start = jnp.maximum(real - len(near), 0)
     last = jnp.maximum(real - 1, 0)
-    nearest = steps[jnp.minimum(inward, last)], steps[jnp.maximum(last - inward, 0)]
+    nearest = jnp.minimum(inward, last), jnp.maximum(last - inward, 0) - start
     front, back = (
-        jnp.sum(w[:, None] * x, 0, keepdims=True) for w, x in zip(ends, nearest, strict=True)
+        (w @ (index[:, None] == near).astype(w.dtype))[None]
+        for w, index in zip(outer, nearest, strict=True)
     )
-    longer = jnp.concatenate([front, steps, jnp.zeros_like(steps[:1])])
-    return jax.lax.dynamic_update_slice_in_dim(longer, back, real + 1, 0)
+    return Ends(front, back, start, real)
 
 
 def _even_ends(count: Array, dtype) -> tuple[Array, Array]:

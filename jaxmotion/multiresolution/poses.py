@@ -97,8 +97,8 @@ def parts_of_displacement(displacement: Displacement, moving: tuple[int, ...]) -
 
 
 def parts_of(x: Float[AnyArray, "*rest n"]) -> Parts:
-    """f[..., n] to n times f[...]."""
-    return tuple(jnp.unstack(jnp.asarray(x), axis=-1))
+    """f[..., n] to n times f[...]; XLA sees that :func:`together` undoes it."""
+    return tuple(jnp.unstack(jnp.moveaxis(jnp.asarray(x), -1, 0)))
 
 
 def together(parts: Parts) -> Float[Array, "*rest n"]:

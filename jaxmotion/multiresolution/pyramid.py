@@ -23,6 +23,7 @@ from functools import partial
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion._types import AnyArray, ScalarLike
@@ -145,8 +146,9 @@ def synthesize(pyramid: Pyramid, gains: Float[Array, "level joint"]) -> Motion:
     moving = pyramid.base.translated_joints
     details = []
     for n, displacement in enumerate(pyramid.details):
-        u, v = parts_of_displacement(displacement.scale(gains[n]), moving)
-        details.append((u, scaled(0.5, wrapped(scaled(2.0, v)))))
+        u, v = parts_of_displacement(displacement, moving)
+        v = scaled(0.5, wrapped(scaled(2 * gains[n], v)))
+        details.append((scaled(gains[n, np.asarray(moving, int)], u), v))
     counts, spacings = chains(pyramid)
     poses, _ = ascend(
         poses_of(pyramid.base),

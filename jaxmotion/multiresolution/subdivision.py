@@ -14,7 +14,6 @@ from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.levels import (
     coarser_spacing,
     continued,
-    interleaved,
     level_of,
     odd_frames,
     reduced,
@@ -27,6 +26,7 @@ from jaxmotion.multiresolution.poses import (
     poses_of,
     spacing_of,
 )
+from jaxmotion.multiresolution.rows import interleaved
 
 
 def reduce(motion: Motion, *, times: Times | None = None) -> Motion:
