@@ -13,7 +13,7 @@ none. Cost O(n m); the trailing axes, if any, are carried along.
 import jax.numpy as jnp
 from jaxtyping import Array
 
-_MOST_ROWS = 192
+_MOST_ROWS = 200
 
 
 def strip_rows(n: int) -> int:

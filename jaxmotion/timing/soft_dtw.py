@@ -12,13 +12,21 @@ negative. Cost O(n m) time and memory.
 
 Sources: Cuturi & Blondel 2017, algorithms 1 and 2; Mensch & Blondel 2018 for E as an expectation.
 
-E is found with a second sweep from the end, which passes each cell's chance back along the softmin
-weights of the first; both sweeps take an anti-diagonal at a time and subtract the least of three
-before exponentiating. The value's derivative is E itself, in both modes; E is made of ordinary
-operations, so it can be differentiated again. Beyond ``x_length``, ``y_length`` it is zero.
+The sweep works on Z = exp(−R/γ), the sum over all paths to a cell, which is a product and two sums
+a cell. Z leaves the range of floating point, so it is kept as m·2ᵉ with 1 ≤ m < 2 and e a whole
+number in a float of its own (:class:`_Scaled`): powers of two are put together from bits, one
+exponential a cell is all that is computed, and nothing is lost however small a path's part.
+
+E is found with a second sweep from the end, which passes each cell's chance back along the shares
+that its three predecessors have in its sum. Those are computed afresh, strip by strip, from the
+last rows that the first sweep left: quicker than to keep them, and memory stays that of D. The
+value's derivative is E itself, in both modes; E is made of ordinary operations, in which exponents
+are constants, so it can be differentiated again. Beyond ``x_length``, ``y_length`` it is zero.
 """
 
-import functools
+from functools import reduce
+from math import log
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -26,6 +34,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.core import Tracer
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 from jaxmotion._types import ArrayLike
@@ -106,92 +115,171 @@ def _run(function, metric, x, y, cost, x_length, y_length, gamma):
 
 @jax.custom_jvp
 def _soft_value(d, gamma, last_x, last_y):
-    return gamma * _sweep_forward(d / gamma, last_x, last_y)[0]
+    return gamma * _sweep_forward(in_strips(d / gamma), last_x, last_y)[0]
 
 
-@_soft_value.defjvp
 def _soft_value_jvp(primals, tangents):
     d, gamma, last_x, last_y = primals
+    d_dot, gamma_dot = tangents[:2]
     value, expected = _value_and_alignment(d, gamma, last_x, last_y)
-    visited = expected > 0
-    mean_cost = jnp.sum(jnp.where(visited, expected * jnp.where(visited, d, 0), 0))
-    in_gamma = (value - mean_cost) / gamma
-    return value, jnp.sum(expected * tangents[0]) + in_gamma * tangents[1]
+    change = jnp.zeros_like(value)
+    if not isinstance(d_dot, SymbolicZero):
+        change += jnp.sum(expected * d_dot)
+    if not isinstance(gamma_dot, SymbolicZero):
+        visited = expected > 0
+        mean_cost = jnp.sum(jnp.where(visited, expected * jnp.where(visited, d, 0), 0))
+        change += (value - mean_cost) / gamma * gamma_dot
+    return value, change
+
+
+_soft_value.defjvp(_soft_value_jvp, symbolic_zeros=True)
 
 
 def _value_and_alignment(d, gamma, last_x, last_y):
-    value, chances = _sweep_forward(d / gamma, last_x, last_y)
-    visits = _sweep_back(chances, last_x, last_y, d.shape[1])
+    strips = in_strips(d / gamma)
+    value, above = _sweep_forward(strips, last_x, last_y)
+    visits = _sweep_back(strips, above, last_x, last_y)
     return gamma * value, visits[: d.shape[0]]
 
 
-def _sweep_forward(d, last_x, last_y):
-    """R at the last cell for γ = 1, and each cell's softmin weights by strip and anti-diagonal.
+class _Scaled(NamedTuple):
+    """Positive numbers m·2ᵉ, of any size; e is a whole number, and ``_never`` for zero."""
 
-    The weights ``(strips, m + h − 1, h)`` are the chances of having come by (1, 1), (1, 0), (0, 1).
-    """
-    m = d.shape[1]
-    strips = in_strips(d)
-    h = strips.shape[1]
-    blank = jnp.full(h + 1, jnp.inf, d.dtype)
+    m: Array
+    e: Array
+
+
+def _never(dtype) -> float:
+    """An exponent that stays far below all others when a clip's worth of them is added."""
+    return -(float(jnp.finfo(dtype).max) ** 0.75)
+
+
+def _power_of_two(e: Array) -> Array:
+    """2ᵉ of whole numbers 1 − bias ≤ e ≤ bias, below them 0; a constant to differentiation."""
+    mantissa, bias, integer = _layout(e.dtype)
+    # In 2ⁿ + k, n the bits of the mantissa, the lowest bits are those of the whole number k.
+    shifted = jnp.maximum(lax.stop_gradient(e), -bias) + (2.0**mantissa + bias)
+    bits = lax.bitcast_convert_type(shifted, integer)
+    return lax.bitcast_convert_type(lax.shift_left(bits, integer(mantissa)), e.dtype)
+
+
+def _exponent(x: Array) -> Array:
+    """⌊log₂ x⌋ of normal numbers x > 0; a constant to differentiation."""
+    mantissa, bias, integer = _layout(x.dtype)
+    bits = lax.bitcast_convert_type(lax.stop_gradient(x), integer)
+    whole = lax.shift_right_logical(bits, integer(mantissa)) | lax.bitcast_convert_type(
+        jnp.asarray(2.0**mantissa, x.dtype), integer
+    )
+    return lax.bitcast_convert_type(whole, x.dtype) - (2.0**mantissa + bias)
+
+
+def _layout(dtype) -> tuple[int, float, type]:
+    """Bits of the mantissa, bias of the exponent and the integer type of a float's size."""
+    kind = jnp.finfo(dtype)
+    return kind.nmant, kind.maxexp - 1.0, jnp.int64 if kind.bits == 64 else jnp.int32
+
+
+def _scaled_exp(x: Array) -> _Scaled:
+    """exp(x) for x < ∞, −∞ included."""
+    finite = x > -jnp.inf
+    x, log_2 = jnp.where(finite, x, 0), log(2)
+    e = lax.stop_gradient(jnp.round(x / log_2))
+    # ln 2 in two parts, so that the difference of two large numbers is exact.
+    scale = 2.0 ** (jnp.finfo(x.dtype).nmant // 2)
+    high = round(log_2 * scale) / scale
+    m = jnp.exp((x - e * high) - e * (log_2 - high))
+    return _Scaled(m, jnp.where(finite, e, _never(x.dtype)))
+
+
+def _sweep_forward(strips: Array, last_x: Array, last_y: Array) -> tuple[Array, _Scaled]:
+    """R at the last cell for γ = 1, and Z in the row above each strip, ``(strips, m)``."""
+    h, m = strips.shape[1:]
+    row_above = _Scaled(jnp.ones(m, strips.dtype), jnp.full(m, _never(strips.dtype), strips.dtype))
 
     def one_strip(row_above, strip):
-        number, d = strip
-        start = jnp.where(number == 0, 0, jnp.inf).astype(d.dtype)
+        bottom, values, _ = _strip_forward(row_above, *strip, last_x % h)
+        return bottom, (row_above, values)
 
-        def diagonal(carry, row):
-            before, two_before = carry
-            d, enters = row
-            came_from = (two_before[:-1], before[:-1], before[1:])
-            least = lax.stop_gradient(functools.reduce(jnp.minimum, came_from))
-            reached = least < jnp.inf
-            least = jnp.where(reached, least, 0)
-            weights = [jnp.exp(least - r) for r in came_from]
-            total = jnp.where(reached, weights[0] + weights[1] + weights[2], 1)
-            r = jnp.where(reached, least - jnp.log(total), jnp.inf) + d
-            out = (r[-1], r[last_x % h], [w / total for w in weights])
-            return (jnp.concatenate([enters[None], r]), before), out
-
-        carry = (blank.at[0].set(row_above[0]), blank.at[0].set(start))
-        rows = (skew(d), entering(row_above, h, jnp.inf))
-        bottom, values, chances = lax.scan(diagonal, carry, rows)[1]
-        return bottom[h - 1 :], (values, chances)
-
-    numbered = (jnp.arange(strips.shape[0], dtype=last_x.dtype), strips)
-    nothing_above = jnp.full(m, jnp.inf, d.dtype)
-    values, chances = lax.scan(one_strip, nothing_above, numbered)[1]
-    return values[last_x // h, last_x % h + last_y], chances
+    above, (values, exponents) = lax.scan(one_strip, row_above, _numbered(strips, last_x))[1]
+    at = last_x // h, last_x % h + last_y
+    z, e = values[at], exponents[at]
+    reached = e > 0.5 * _never(e.dtype)
+    return jnp.where(reached, -(jnp.log(z) + log(2) * e), jnp.inf), above
 
 
-def _sweep_back(chances, last_x, last_y, m):
+def _strip_forward(row_above: _Scaled, number: Array, strip: Array, watched: Array):
+    """Z of a strip's last row ``(m,)``, of one ``watched`` row by anti-diagonal ``(m + h − 1,)``,
+    and in each cell the shares of (1, 1) and (1, 0), ``(m + h − 1, 2, h)``."""
+    h, dtype = strip.shape[0], strip.dtype
+    never = _never(dtype)
+
+    def diagonal(carry, row):
+        before, two_before = carry
+        cell, enters = row
+        came_from = (
+            jax.tree.map(lambda x: x[:-1], two_before),
+            jax.tree.map(lambda x: x[:-1], before),
+            jax.tree.map(lambda x: x[1:], before),
+        )
+        most = reduce(jnp.maximum, [z.e for z in came_from])
+        corner, up, left = (z.m * _power_of_two(z.e - most) for z in came_from)
+        total = corner + up + left
+        product = total * cell.m
+        carried = _exponent(product)
+        z = _Scaled(product * _power_of_two(-carried), most + cell.e + carried)
+        shares = jnp.stack([corner, up]) * (1 / total)
+        seen = jnp.stack([z.m[-1], z.e[-1], z.m[watched], z.e[watched]])
+        after = jax.tree.map(lambda new, x: jnp.concatenate([new[None], x]), enters, z)
+        return (after, before), (seen, shares)
+
+    def blank(m, e):
+        return _Scaled(
+            jnp.ones(h + 1, dtype).at[0].set(m), jnp.full(h + 1, never, dtype).at[0].set(e)
+        )
+
+    first = blank(row_above.m[0], row_above.e[0]), blank(1, jnp.where(number == 0, 0, never))
+    enters = _Scaled(entering(row_above.m, h, 1.0), entering(row_above.e, h, never))
+    seen, shares = lax.scan(diagonal, first, (_scaled_exp(-skew(strip)), enters))[1]
+    bottom, values = seen[h - 1 :, :2], seen[:, 2:]
+    return _Scaled(*bottom.T), _Scaled(*values.T), shares
+
+
+def _sweep_back(strips: Array, above: _Scaled, last_x: Array, last_y: Array) -> Array:
     """Chance that a path from the last cell to the first visits each cell ``(strips h, m)``."""
-    num_strips, diagonals, h = chances[0].shape
+    num_strips, h, m = strips.shape
     i = jnp.arange(h, dtype=last_x.dtype)
-    none = jnp.zeros(h, chances[0].dtype)
+    none = jnp.zeros(h, strips.dtype)
 
     def one_strip(row_below, strip):
         """``row_below (m,)`` is what the strip below sends up to this one's last row."""
-        number, chances = strip
+        row_above, (number, costs) = strip
+        shares = _strip_forward(row_above, number, costs, last_x % h)[2]
 
         def diagonal(carry, row):
             arriving, arriving_next = carry
-            k, from_below, (by_corner, by_above, by_left) = row
+            k, from_below, (by_corner, by_above) = row
             at_end = (number * h + i == last_x) & (k == last_x % h + last_y)
             visits = (arriving + at_end.astype(arriving.dtype)).at[-1].add(from_below)
-            up, corner = visits * by_above, visits * by_corner
+            corner, up = visits * by_corner, visits * by_above
+            by_left = jnp.maximum(1 - by_corner - by_above, 0)
             one_back = visits * by_left + _shift_out(up)
-            return (arriving_next + one_back, _shift_out(corner)), (visits, up[0], corner[0])
+            sent = jnp.stack([up[0], corner[0]])
+            return (arriving_next + one_back, _shift_out(corner)), (visits, sent)
 
-        k = jnp.arange(diagonals, dtype=last_x.dtype)
-        rows = (k, jnp.pad(row_below, (h - 1, 0)), chances)
-        visits, up, corner = lax.scan(diagonal, (none, none), rows, reverse=True)[1]
-        sent_up = up[:m] + jnp.pad(corner, (0, 1))[1 : m + 1]
-        return sent_up, unskew(visits, m)
+        k = jnp.arange(m + h - 1, dtype=last_x.dtype)
+        rows = (k, jnp.pad(row_below, (h - 1, 0)), shares)
+        visits, sent = lax.scan(diagonal, (none, none), rows, reverse=True)[1]
+        up, corner = sent.T
+        return up[:m] + jnp.pad(corner, (0, 1))[1 : m + 1], unskew(visits, m)
 
-    numbered = (jnp.arange(num_strips, dtype=last_x.dtype), chances)
-    nothing_below = jnp.zeros(m, none.dtype)
-    visits = lax.scan(one_strip, nothing_below, numbered, reverse=True)[1]
+    nothing_below = jnp.zeros(m, strips.dtype)
+    backwards = (above, _numbered(strips, last_x))
+    visits = lax.scan(one_strip, nothing_below, backwards, reverse=True)[1]
     return visits.reshape(num_strips * h, m)
+
+
+def _numbered(strips: Array, like: Array) -> tuple[Array, Array]:
+    return jnp.arange(strips.shape[0], dtype=like.dtype), strips
 
 
 def _shift_out(values: Array) -> Array:
