@@ -106,9 +106,10 @@ def test_against_scipy(race, name):
 @pytest.mark.parametrize("frames", [280, 560, 1120, 2240])
 def test_linear_in_frames(race, frames):
     motion, contacts = scene(frames, 65, 2)
-    race(
+    (_, report), _ = race(
         f"satisfy {frames}x65 feet f64",
         lambda: satisfy(motion, contacts),
         rounds=3,
         amount=(frames / 1e3, "thousand frames"),
     )
+    assert bool(report.converged)

@@ -2,7 +2,7 @@
 
     M s = A z + J^T rows(z),    M = A x I + J^T J,    J = d rows / d z      then z <- z - s
     y = rows(z) - J s                  what the rows will be, to first order, after the step
-    H s = A z + J^T rows(z),    H = M + sum_i y_i d^2 rows_i / d z^2        steps below a tenth
+    H s = A z + J^T rows(z),    H = M + sum_i y_i d^2 rows_i / d z^2        steps below 0.4
 
 J has few rows a frame, so M is solved by one Kalman filter (:mod:`jaxmotion.spacetime.low_rank`).
 Points that must be somewhere move on curves, while what is left of the problem, the small weights
@@ -35,7 +35,7 @@ from jaxmotion.spacetime.prior import Walk, random_walk
 from jaxmotion.spacetime.problem import Problem
 
 _CG_STEPS = 500
-_NEAR = 0.1  # of a step's longest component, radians or body lengths
+_NEAR = 0.4  # of a step's longest component, radians or body lengths
 _PRODUCTS = 8
 
 

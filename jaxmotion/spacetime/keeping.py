@@ -3,7 +3,8 @@
     contacts of the original  ──targets a foot can meet──▶  satisfy on the edit
 
 Where and when points touched before the edit, they touch after it; the rest of the edit stays, and
-what changes fades within about a tenth of a second. Places are the original's: an edit that moves
+what changes fades within about a fifth of a second: slower than ``satisfy`` would, so that no joint
+has to hurry much more than it does in the edit. Places are the original's: an edit that moves
 the body elsewhere for good is brought back. A clip without contacts, or a skeleton without feet,
 comes back as it is.
 
@@ -24,6 +25,9 @@ from jaxmotion.motion import Motion
 
 if TYPE_CHECKING:
     from jaxmotion.spacetime.solve import Report, Weights
+
+_FADE = 0.2  # seconds
+_SIZE, _ROOT = 1.25e-7, 8.0
 
 
 def keep_contacts(
@@ -58,9 +62,12 @@ def restore(
 ) -> "tuple[Motion, Report]":
     """:func:`~jaxmotion.spacetime.satisfy` with targets that the feet can meet.
 
-    **Arguments:** ``contacts``: found on the motion, or on what it was edited from; the others as
-    :func:`keep_contacts` and ``satisfy``. **Returns:** as ``satisfy``.
+    **Arguments:** ``contacts``: found on the motion, or on what it was edited from; ``weights``: by
+    default those of a change that fades in 0.2 s; the others as :func:`keep_contacts` and
+    ``satisfy``. **Returns:** as ``satisfy``.
     """
+    if weights is None:
+        weights = spacetime.Weights(size=_SIZE, bend=_SIZE * _FADE**4, root=_ROOT)
     if length is not None:
         counted = jnp.asarray(length > np.arange(contacts.num_frames))  # pyright: ignore
         contacts = eqx.tree_at(lambda c: c.mask, contacts, contacts.mask & counted[:, None])

@@ -197,7 +197,8 @@ def _sweep_forward(strips: Array, last_x: Array, last_y: Array) -> tuple[Array, 
     row_above = _Scaled(jnp.ones(m, strips.dtype), jnp.full(m, _never(strips.dtype), strips.dtype))
 
     def one_strip(row_above, strip):
-        bottom, values, _ = _strip_forward(row_above, *strip, last_x % h)
+        number, costs = strip
+        bottom, values, _ = _strip_forward(row_above, number, costs, last_x % h)
         return bottom, (row_above, values)
 
     above, (values, exponents) = lax.scan(one_strip, row_above, _numbered(strips, last_x))[1]

@@ -85,6 +85,13 @@ def test_exaggerated_capture(data_dir):
     check_quality(motion[part], jm.synthesize(layers, 2.0)[part])
 
 
+@pytest.mark.slow
+def test_exaggerated_capture_whole(data_dir):
+    """Of the walks of the Bandai set the one whose feet have to hurry most."""
+    motion = jm.load(data_dir / "bandai" / "walk_childish_001.bvh")
+    check_quality(motion, jm.stylize(motion, 2.0))
+
+
 def test_single_precision(original, contacts):
     edit = jm.stylize(original, 2.0)
     answer, report = restore(edit.astype(np.float32), contacts)
