@@ -230,7 +230,7 @@ def _strip_forward(row_above: _Scaled, number: Array, strip: Array, watched: Arr
         z = _Scaled(product * _power_of_two(-carried), most + cell.e + carried)
         shares = jnp.stack([corner, up]) * (1 / total)
         seen = jnp.stack([z.m[-1], z.e[-1], z.m[watched], z.e[watched]])
-        after = jax.tree.map(lambda new, x: jnp.concatenate([new[None], x]), enters, z)
+        after = jax.tree.map(lambda new, x: jnp.pad(x, (1, 0)).at[0].set(new), enters, z)
         return (after, before), (seen, shares)
 
     def blank(m, e):

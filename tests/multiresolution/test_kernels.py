@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxmotion import quaternion
-from jaxmotion.multiresolution.kernels import step, turned, wrapped
+from jaxmotion.multiresolution.kernels import halfway, step, steps, turned, wrapped
 from jaxmotion.multiresolution.poses import parts_of, together
 from tests.helpers import (
     assert_finite_derivatives,
@@ -24,6 +24,11 @@ def _step(a, b):
 @jax.jit
 def _turned(q, v):
     return together(turned(parts_of(q), wrapped(parts_of(v))))
+
+
+@jax.jit
+def _halfway(q, v):
+    return together(halfway(parts_of(q), parts_of(v)))
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e-3, 1.0, 3.14159])
@@ -70,3 +75,28 @@ def test_derivatives_are_finite_at_rest_and_at_half_a_turn():
     for v in (zero, zero.at[..., 0].set(np.pi), zero.at[..., 1].set(2 * np.pi)):
         (_, by_v) = assert_finite_derivatives(_turned, identity, v)
     assert np.abs(by_v).max() > 0.1
+
+
+def test_halfway_is_slerp_and_exp_whatever_the_signs():
+    rng = np.random.default_rng(3)
+    q = random_quaternions(rng, (9, 4))
+    v = 0.5 * random_vectors(rng, (8, 4))
+    middle = quaternion.slerp(q[:-1], q[1:], 0.5)
+    want = np.asarray(quaternion.multiply(middle, quaternion.exp(v)))
+    sign = np.sign(np.sum(np.asarray(middle) * q[:-1], -1, keepdims=True))
+    np.testing.assert_allclose(_halfway(q, v), sign * want, atol=1e-14)
+
+
+def test_derivatives_along_time():
+    rng = np.random.default_rng(4)
+    q = random_quaternions(rng, (5, 2))
+    v = 0.7 * random_vectors(rng, (4, 2))
+    unit = quaternion.normalize
+    check_gradients(lambda q, v: _halfway(unit(q), v), q, v)
+    check_gradients(lambda q: together(steps(parts_of(unit(q)))), q)
+
+
+def test_wrapping_passes_the_derivative_of_the_same_rotation():
+    v = 9 * random_vectors(np.random.default_rng(5), (6, 2))
+    assert np.linalg.norm(v, axis=-1).max() > 2 * np.pi
+    check_gradients(lambda v: together(wrapped(parts_of(v))), v)
