@@ -96,8 +96,8 @@ class _Levels:
         ``x``: a pytree of lanes."""
         levels = []
         for up, joints in zip(self.up, self.levels, strict=True):
-            own = jax.tree.map(lambda x, rows=joints: x[rows], x)
-            above = jax.tree.map(lambda y, rows=up: y[rows], levels[-1]) if levels else None
+            own = jax.tree.map(partial(_rows, rows=joints), x)
+            above = jax.tree.map(partial(_rows, rows=up), levels[-1]) if levels else None
             # Without the barrier XLA recomputes each level inside the next.
             levels.append(jax.lax.optimization_barrier(join(above, own)))
         joined = jax.tree.map(lambda *y: jnp.concatenate(y)[self.restore], *levels)
@@ -113,6 +113,14 @@ class _Levels:
                 total = total + below[child]
             levels.append(jax.lax.optimization_barrier(total))
         return jnp.concatenate(levels[::-1])[self.restore]
+
+
+def _rows(x: Array, rows: np.ndarray) -> Array:
+    """x[rows]; a slice where that is one, which XLA does not compute again for every reader."""
+    first, stop = rows[0], rows[0] + len(rows)
+    if not np.array_equal(rows, np.arange(first, stop)):
+        return x[rows]
+    return x if len(rows) == len(x) else x[first:stop]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
