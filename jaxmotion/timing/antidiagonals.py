@@ -16,15 +16,15 @@ from jaxtyping import Array
 _MOST_ROWS = 200
 
 
-def strip_rows(n: int) -> int:
+def strip_rows(n: int, most: int = _MOST_ROWS) -> int:
     """h, the rows of each strip of a matrix of n rows."""
-    return -(-n // -(-n // _MOST_ROWS))
+    return -(-n // -(-n // most))
 
 
-def in_strips(matrix: Array) -> Array:
-    """``(n, m, ...)`` to ``(strips, h, m, ...)``."""
+def in_strips(matrix: Array, most: int = _MOST_ROWS) -> Array:
+    """``(n, m, ...)`` to ``(strips, h, m, ...)`` with h at most ``most``."""
     n, m, *rest = matrix.shape
-    h = strip_rows(n)
+    h = strip_rows(n, most)
     padding = [(0, -n % h), (0, 0), *([(0, 0)] * len(rest))]
     return jnp.pad(matrix, padding, constant_values=jnp.inf).reshape(-1, h, m, *rest)
 

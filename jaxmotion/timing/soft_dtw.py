@@ -8,7 +8,7 @@
 Paths step by (1, 0), (0, 1) and (1, 1) from (0, 0) to the last cell. D ``(n, m)`` is a cost matrix,
 by default squared Euclidean distances; γ > 0 has its unit. As γ → 0 the value falls on that of
 ``dtw`` from below and E becomes its path; with larger γ more paths take part, and the value may be
-negative. Cost O(n m) time and memory.
+negative. Cost O(n m) time and memory, three numbers a cell.
 
 Sources: Cuturi & Blondel 2017, algorithms 1 and 2; Mensch & Blondel 2018 for E as an expectation.
 
@@ -18,10 +18,17 @@ number in a float of its own (:class:`_Scaled`): powers of two are put together 
 exponential a cell is all that is computed, and nothing is lost however small a path's part.
 
 E is found with a second sweep from the end, which passes each cell's chance back along the shares
-that its three predecessors have in its sum. Those are computed afresh, strip by strip, from the
-last rows that the first sweep left: quicker than to keep them, and memory stays that of D. The
-value's derivative is E itself, in both modes; E is made of ordinary operations, in which exponents
-are constants, so it can be differentiated again. Beyond ``x_length``, ``y_length`` it is zero.
+that its three predecessors have in its sum:
+
+    total(i, j)    = Z(i−1, j−1) + Z(i−1, j) + Z(i, j−1),    Z(i, j) = total(i, j) exp(−D[i, j]/γ)
+    E[i, j]        = E[i+1, j+1] Z(i, j)/total(i+1, j+1) + E[i+1, j] Z(i, j)/total(i+1, j)
+                     + E[i, j+1] Z(i, j)/total(i, j+1)
+
+Shares compare neighbours only, so they are right wherever Z is, however large its exponent. They
+are worked out for a strip at once when its sums are known, outside the loop over anti-diagonals,
+whose steps cost as much as what is computed in them. The value's derivative is E itself, in both
+modes; E is made of ordinary operations, in which exponents are constants, so it can be
+differentiated again. Beyond ``x_length``, ``y_length`` it is zero.
 """
 
 from functools import reduce
@@ -40,6 +47,10 @@ from jaxtyping import Array, Float
 from jaxmotion._types import ArrayLike
 from jaxmotion.timing.antidiagonals import entering, in_strips, skew, unskew
 from jaxmotion.timing.frame_distance import Metric, local_cost
+
+# With 1000 x 1000 cells in float64, costs, shares and one strip at work then stay below 32 MB. What
+# is larger, glibc hands back after each call, and the next one pays for every page again.
+_MOST_ROWS = 125
 
 
 def soft_dtw(
@@ -115,7 +126,7 @@ def _run(function, metric, x, y, cost, x_length, y_length, gamma):
 
 @jax.custom_jvp
 def _soft_value(d, gamma, last_x, last_y):
-    return gamma * _sweep_forward(in_strips(d / gamma), last_x, last_y)[0]
+    return _sweep_forward(in_strips(d, _MOST_ROWS), gamma, last_x, last_y)[0]
 
 
 def _soft_value_jvp(primals, tangents):
@@ -136,10 +147,10 @@ _soft_value.defjvp(_soft_value_jvp, symbolic_zeros=True)
 
 
 def _value_and_alignment(d, gamma, last_x, last_y):
-    strips = in_strips(d / gamma)
-    value, above = _sweep_forward(strips, last_x, last_y)
-    visits = _sweep_back(strips, above, last_x, last_y)
-    return gamma * value, visits[: d.shape[0]]
+    strips = in_strips(d, _MOST_ROWS)
+    value, shares = _sweep_forward(strips, gamma, last_x, last_y)
+    visits = _sweep_back(strips, shares, last_x, last_y)
+    return value, visits.reshape(-1, d.shape[1])[: d.shape[0]]
 
 
 class _Scaled(NamedTuple):
@@ -179,59 +190,63 @@ def _layout(dtype) -> tuple[int, float, type]:
     return kind.nmant, kind.maxexp - 1.0, jnp.int64 if kind.bits == 64 else jnp.int32
 
 
-def _scaled_exp(x: Array) -> _Scaled:
-    """exp(x) for x < ∞, −∞ included."""
-    finite = x > -jnp.inf
-    x, log_2 = jnp.where(finite, x, 0), log(2)
+def _factors(costs: Array, gamma: Array) -> _Scaled:
+    """exp(−costs/γ); of infinite costs next to nothing, whose derivative is zero."""
+    log_2 = log(2)
+    x = -jnp.minimum(costs, -log_2 * _never(costs.dtype) * lax.stop_gradient(gamma)) / gamma
     e = lax.stop_gradient(jnp.round(x / log_2))
-    # ln 2 in two parts, so that the difference of two large numbers is exact.
+    # ln 2 in two parts, so that the difference of two large numbers is exact. Where they are so
+    # large that not even that helps, what is left is noise, and is kept small.
     scale = 2.0 ** (jnp.finfo(x.dtype).nmant // 2)
     high = round(log_2 * scale) / scale
-    m = jnp.exp((x - e * high) - e * (log_2 - high))
-    return _Scaled(m, jnp.where(finite, e, _never(x.dtype)))
+    rest = (x - e * high) - e * (log_2 - high)
+    return _Scaled(jnp.exp(jnp.clip(rest, -1, 1)), e)
 
 
-def _sweep_forward(strips: Array, last_x: Array, last_y: Array) -> tuple[Array, _Scaled]:
-    """R at the last cell for γ = 1, and Z in the row above each strip, ``(strips, m)``."""
+def _sweep_forward(
+    strips: Array, gamma: Array, last_x: Array, last_y: Array
+) -> tuple[Array, Array]:
+    """R at the last cell, and the shares of all cells, as :func:`_shares` by strip."""
     h, m = strips.shape[1:]
     row_above = _Scaled(jnp.ones(m, strips.dtype), jnp.full(m, _never(strips.dtype), strips.dtype))
 
     def one_strip(row_above, strip):
         number, costs = strip
-        bottom, values, _ = _strip_forward(row_above, number, costs, last_x % h)
-        return bottom, (row_above, values)
+        row = last_x % h
+        # A sweep gives out what a step took in, two anti-diagonals back: it goes two too far.
+        longer = jnp.pad(costs, [(0, 0), (0, 2)], constant_values=jnp.inf)
+        factors = _factors(skew(longer), gamma)
+        before, bottom, watched = _strip_forward(row_above, number, factors, row)
+        at_last = jax.tree.map(lambda z: z[row + last_y + 2], watched)
+        return jax.tree.map(lambda z: z[h + 1 :], bottom), (at_last, _shares(before))
 
-    above, (values, exponents) = lax.scan(one_strip, row_above, _numbered(strips, last_x))[1]
-    at = last_x // h, last_x % h + last_y
-    z, e = values[at], exponents[at]
-    reached = e > 0.5 * _never(e.dtype)
-    return jnp.where(reached, -(jnp.log(z) + log(2) * e), jnp.inf), above
+    ends, shares = lax.scan(one_strip, row_above, _numbered(strips, last_x))[1]
+    z, e = ends.m[last_x // h], ends.e[last_x // h]
+    no_path = e < 0.5 * _never(e.dtype)
+    return jnp.where(no_path, jnp.inf, -gamma * (jnp.log(z) + log(2) * e)), shares
 
 
-def _strip_forward(row_above: _Scaled, number: Array, strip: Array, watched: Array):
-    """Z of a strip's last row ``(m,)``, of one ``watched`` row by anti-diagonal ``(m + h − 1,)``,
-    and in each cell the shares of (1, 1) and (1, 0), ``(m + h − 1, 2, h)``."""
-    h, dtype = strip.shape[0], strip.dtype
+def _strip_forward(row_above: _Scaled, number: Array, factors: _Scaled, watched: Array):
+    """Z of a strip by anti-diagonal, ``(k, h + 1)``: cell (i, j) is entry (i + j + 2, i + 1).
+
+    ``factors (k, h)`` are the cells' own, skewed. Row 0 is the row above the strip. The first two
+    anti-diagonals come before the first cell, so that of number k has its predecessors in the
+    entries k and k + 1. Besides, the strip's last row and a ``watched`` one alone, ``(k,)``: where
+    only the value is asked for, no more is kept.
+    """
+    h, dtype = factors.m.shape[1], factors.m.dtype
     never = _never(dtype)
 
     def diagonal(carry, row):
         before, two_before = carry
         cell, enters = row
-        came_from = (
-            jax.tree.map(lambda x: x[:-1], two_before),
-            jax.tree.map(lambda x: x[:-1], before),
-            jax.tree.map(lambda x: x[1:], before),
-        )
-        most = reduce(jnp.maximum, [z.e for z in came_from])
-        corner, up, left = (z.m * _power_of_two(z.e - most) for z in came_from)
-        total = corner + up + left
-        product = total * cell.m
+        (corner, up, left), most = _predecessors(two_before, before)
+        product = (corner + up + left) * cell.m
         carried = _exponent(product)
         z = _Scaled(product * _power_of_two(-carried), most + cell.e + carried)
-        shares = jnp.stack([corner, up]) * (1 / total)
-        seen = jnp.stack([z.m[-1], z.e[-1], z.m[watched], z.e[watched]])
         after = jax.tree.map(lambda new, x: jnp.pad(x, (1, 0)).at[0].set(new), enters, z)
-        return (after, before), (seen, shares)
+        rows = jnp.stack([x[row] for row in (-1, watched + 1) for x in two_before])
+        return (after, before), (two_before, rows)
 
     def blank(m, e):
         return _Scaled(
@@ -239,44 +254,66 @@ def _strip_forward(row_above: _Scaled, number: Array, strip: Array, watched: Arr
         )
 
     first = blank(row_above.m[0], row_above.e[0]), blank(1, jnp.where(number == 0, 0, never))
-    enters = _Scaled(entering(row_above.m, h, 1.0), entering(row_above.e, h, never))
-    seen, shares = lax.scan(diagonal, first, (_scaled_exp(-skew(strip)), enters))[1]
-    bottom, values = seen[h - 1 :, :2], seen[:, 2:]
-    return _Scaled(*bottom.T), _Scaled(*values.T), shares
+    enters = _Scaled(entering(row_above.m, h + 2, 1.0), entering(row_above.e, h + 2, never))
+    # Two steps at a time, an anti-diagonal need not be moved to where the next step looks for it.
+    every, rows = lax.scan(diagonal, first, (factors, enters), unroll=2)[1]
+    return every, _Scaled(*rows[:, :2].T), _Scaled(*rows[:, 2:].T)
 
 
-def _sweep_back(strips: Array, above: _Scaled, last_x: Array, last_y: Array) -> Array:
-    """Chance that a path from the last cell to the first visits each cell ``(strips h, m)``."""
-    num_strips, h, m = strips.shape
+def _predecessors(two_before: _Scaled, before: _Scaled) -> tuple[list[Array], Array]:
+    """Z at (−1, −1), (−1, 0) and (0, −1) from each cell, in units of 2 to their largest exponent;
+    and that exponent."""
+    came_from = (
+        jax.tree.map(lambda z: z[..., :-1], two_before),
+        jax.tree.map(lambda z: z[..., :-1], before),
+        jax.tree.map(lambda z: z[..., 1:], before),
+    )
+    most = reduce(jnp.maximum, [z.e for z in came_from])
+    return [z.m * _power_of_two(z.e - most) for z in came_from], most
+
+
+def _shares(before: _Scaled) -> Array:
+    """Shares of (1, 1) and (1, 0) in the sum to each cell, ``(m + h − 1, 2, h)``."""
+    two_before = jax.tree.map(lambda z: z[:-2], before)
+    one_before = jax.tree.map(lambda z: z[1:-1], before)
+    corner, up, left = _predecessors(two_before, one_before)[0]
+    return jnp.stack([corner, up], axis=1) * (1 / (corner + up + left))[:, None]
+
+
+def _sweep_back(strips: Array, shares: Array, last_x: Array, last_y: Array) -> Array:
+    """Chance that a path from the last cell to the first visits each cell ``(strips, h, m)``.
+
+    It is written over the strips of costs, which are used up, so as to need no memory of its own.
+    """
+    h, m = strips.shape[1:]
     i = jnp.arange(h, dtype=last_x.dtype)
     none = jnp.zeros(h, strips.dtype)
 
-    def one_strip(row_below, strip):
+    def one_strip(carry, strip):
         """``row_below (m,)`` is what the strip below sends up to this one's last row."""
-        row_above, (number, costs) = strip
-        shares = _strip_forward(row_above, number, costs, last_x % h)[2]
+        row_below, chances = carry
+        number, shares = strip
 
         def diagonal(carry, row):
             arriving, arriving_next = carry
             k, from_below, (by_corner, by_above) = row
             at_end = (number * h + i == last_x) & (k == last_x % h + last_y)
-            visits = (arriving + at_end.astype(arriving.dtype)).at[-1].add(from_below)
+            visits = arriving + at_end.astype(arriving.dtype) + jnp.where(i == h - 1, from_below, 0)
             corner, up = visits * by_corner, visits * by_above
             by_left = jnp.maximum(1 - by_corner - by_above, 0)
             one_back = visits * by_left + _shift_out(up)
-            sent = jnp.stack([up[0], corner[0]])
-            return (arriving_next + one_back, _shift_out(corner)), (visits, sent)
+            return (arriving_next + one_back, _shift_out(corner)), visits
 
         k = jnp.arange(m + h - 1, dtype=last_x.dtype)
         rows = (k, jnp.pad(row_below, (h - 1, 0)), shares)
-        visits, sent = lax.scan(diagonal, (none, none), rows, reverse=True)[1]
-        up, corner = sent.T
-        return up[:m] + jnp.pad(corner, (0, 1))[1 : m + 1], unskew(visits, m)
+        visits = lax.scan(diagonal, (none, none), rows, reverse=True)[1]
+        corner, up = (visits[:m, None, 0] * shares[:m, :, 0]).T
+        row_above = up + jnp.pad(corner, (0, 1))[1:]
+        return (row_above, chances.at[number].set(unskew(visits, m))), None
 
     nothing_below = jnp.zeros(m, strips.dtype)
-    backwards = (above, _numbered(strips, last_x))
-    visits = lax.scan(one_strip, nothing_below, backwards, reverse=True)[1]
-    return visits.reshape(num_strips * h, m)
+    upwards = _numbered(shares, last_x)
+    return lax.scan(one_strip, (nothing_below, strips), upwards, reverse=True)[0][1]
 
 
 def _numbered(strips: Array, like: Array) -> tuple[Array, Array]:

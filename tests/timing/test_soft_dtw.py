@@ -73,6 +73,18 @@ def test_forbidden_cells_are_never_visited():
     step = 1e-6
     ends = [by_enumeration(cost, 0.5 + s)[0] for s in (-step, step)]
     np.testing.assert_allclose(slope, (ends[1] - ends[0]) / (2 * step), rtol=1e-7)
+    bend = jax.jit(jax.grad(jax.grad(lambda g: soft_dtw(cost=cost, gamma=g))))(0.5)
+    step = 1e-4
+    before, here, after = [by_enumeration(cost, 0.5 + s)[0] for s in (-step, 0, step)]
+    np.testing.assert_allclose(bend, (before - 2 * here + after) / step**2, rtol=1e-5)
+
+
+def test_no_path_and_no_number():
+    cost = np.ones((4, 5))
+    cost[2] = np.inf
+    assert np.isposinf(value_and_alignment(cost, 0.5)[0])
+    cost[2] = np.nan
+    assert np.isnan(value_and_alignment(cost, 0.5)[0])
 
 
 def test_falls_on_dtw_as_gamma_vanishes():
@@ -149,13 +161,56 @@ def plain_soft(cost, gamma):
     return value, e[1:-1, 1:-1]
 
 
+LONG = np.random.default_rng(11).random((201, 30))  # two strips, with a row to spare
+
+
 def test_long_clips_go_through_in_strips():
-    """201 rows are two strips with a row to spare."""
-    cost = np.random.default_rng(11).random((201, 30))
-    value, expected = plain_soft(cost, 0.2)
-    got_value, got_expected = value_and_alignment(cost, 0.2)
+    value, expected = plain_soft(LONG, 0.2)
+    got_value, got_expected = value_and_alignment(LONG, 0.2)
     np.testing.assert_allclose(got_value, value, rtol=1e-12)
     np.testing.assert_allclose(got_expected, expected, rtol=1e-8, atol=1e-12)
+
+
+def test_a_path_may_end_in_any_strip():
+    @jax.jit
+    def run(n, m):
+        arguments = {"cost": LONG, "gamma": 0.2, "x_length": n, "y_length": m}
+        return soft_dtw(**arguments), soft_alignment(**arguments)
+
+    for n, m in [(1, 1), (60, 30), (101, 22), (102, 1), (201, 29)]:
+        value, expected = plain_soft(LONG[:n, :m], 0.2)
+        got_value, got_expected = run(n, m)
+        np.testing.assert_allclose(got_value, value, rtol=1e-12)
+        np.testing.assert_allclose(got_expected[:n, :m], expected, rtol=1e-8, atol=1e-12)
+        assert not np.any(got_expected[n:])
+        assert not np.any(got_expected[:, m:])
+
+
+def test_second_derivatives_cross_strips():
+    way, weight = np.random.default_rng(12).standard_normal((2, *LONG.shape))
+    alignment = jax.jit(lambda d: soft_alignment(cost=d, gamma=0.2))
+    change = jax.jit(lambda d, way: jax.jvp(alignment, (d,), (way,))[1])(LONG, way)
+    step = 1e-5
+    ends = [alignment(LONG + s * way) for s in (-step, step)]
+    np.testing.assert_allclose(change, (ends[1] - ends[0]) / (2 * step), atol=1e-7)
+    pulled = jax.jit(jax.grad(lambda d: jnp.sum(weight * alignment(d))))(LONG)
+    np.testing.assert_allclose(np.sum(pulled * way), np.sum(weight * change), rtol=1e-9)
+
+
+def test_temperatures_of_any_size(dtype):
+    """Sums over paths down to exp(−1e13) and up to the count of all paths."""
+    hard = dtw(cost=LONG)
+    path = np.zeros_like(LONG)
+    path[tuple(np.transpose(hard.path[: int(hard.length)]))] = 1
+    cost = LONG.astype(dtype)
+    for gamma in (1e-12, 1e-9, 1e-7):
+        value, expected = value_and_alignment(cost, gamma)
+        np.testing.assert_allclose(value, hard.cost, rtol=1e-6)
+        np.testing.assert_allclose(expected, path, atol=1e-5)
+    value, expected = value_and_alignment(cost, 1e9)
+    want, want_expected = plain_soft(LONG, 1e9)
+    np.testing.assert_allclose(value, want, rtol=1e-6)
+    np.testing.assert_allclose(expected, want_expected, atol=1e-5)
 
 
 def test_gradient_where_clips_agree():
