@@ -4,6 +4,10 @@
     control   δᶜ = LGS(δ; λᶜ, σᶜ), what an animator turns up and down; δ = M ⊖ Mᵇ    Eq. 12, 13, 15
     residual  δʳ, what is left: noise
 
+With ``tune`` noise is taken out first: M̂ = LGS(M), λ and σ learned for every joint, Mᵇ = LGS(M̂),
+δᶜ = M̂ ⊖ Mᵇ and δʳ = M ⊖ M̂. In the paper's order the base of a fast clip, which cannot be smooth,
+keeps the noise of all joints, and no smoothing of δ can take it out again.
+
 λᵇ and σᵇ climb the ladder λ_k = r^k, σ_k = r^k/10, r = √2 (Eq. 14). A rotation displacement longer
 than γ is close to turning the other way round, so the climb stops at the first rung where any
 frame's ‖v‖ exceeds γ, and the rung below is the base (the lowest rung is always allowed). A calm
@@ -26,9 +30,9 @@ from jaxmotion import quaternion
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.motion import Motion
-from jaxmotion.smoothing import MotionTuning, lgs, smooth_motion
+from jaxmotion.smoothing import MotionTuning, lgs, smooth_motion, tune
 from jaxmotion.smoothing.rotations import from_components, to_components
-from jaxmotion.smoothing.tuning import Criterion, tune_signal
+from jaxmotion.smoothing.tuning import Criterion
 
 _RATIO = np.sqrt(2.0)
 _LAM_0, _SIGMA_0 = 1.0, 0.1
@@ -41,8 +45,8 @@ class MotionLayers(eqx.Module):
 
     **Fields:** ``base``: Motion; ``control``, ``residual``: Displacements f[T, J, 3] each;
     ``lam``, ``sigma``: the base's parameters, f[] or f[J] by scope; ``saturated``: bool[] or
-    bool[J], whether the search ended at its upper bound with every ‖v‖ ≤ γ; ``tuning``: the
-    control layer's parameters where they were learned (σ of the rotations in radians), else None.
+    bool[J], whether the search ended at its upper bound with every ‖v‖ ≤ γ; ``tuning``: what was
+    learned of the noise, as :func:`~jaxmotion.smoothing.tune` gives it, else None.
     """
 
     base: Motion
@@ -72,14 +76,15 @@ def decompose(
     **Arguments:** ``motion``: T ≥ 1 frames; ``gamma``: bound on ‖v‖ in radians, in (0, π), the
     paper's π/2; ``lam_c``, ``sigma_c``: parameters of the control layer, scalars or f[J], the
     paper's 1; ``scope``: one base for the body, or a rung of its own for every joint (its
-    translation follows); ``order``: of the smoother; ``tune``: learn the control
-    layer's λ and σ instead, per joint and apart for rotations and translations, by this criterion
-    ("evidence", "gcv" or "holdout", see :mod:`jaxmotion.smoothing.tuning`); ``method``: the base's
-    rotations by Eq. 11, or exactly by Eq. 9 (``smoothing.geodesic``; the rung is chosen by Eq. 11
-    either way); ``weights``: f[T] or f[T, J], ≥ 0, how far each sample is trusted, 0 for missing
-    (``smoothing.outlier_weights``); γ binds samples of positive weight; ``length``: how many
-    frames count, traced or not, when the rest is padding (any rotations; what comes out there means
-    nothing), so that one compiled function serves clips of many lengths.
+    translation follows); ``order``: of the smoother; ``tune``: take out the noise first, with λ and
+    σ learned per joint and apart for rotations and translations by this criterion ("evidence",
+    "gcv" or "holdout", see :mod:`jaxmotion.smoothing.tuning`), instead of ``lam_c`` and
+    ``sigma_c``; ``method``: rotations are smoothed by Eq. 11, or exactly by Eq. 9
+    (``smoothing.geodesic``; the rung is chosen by Eq. 11 either way); ``weights``: f[T] or f[T, J],
+    ≥ 0, how far each sample is trusted, 0 for missing (``smoothing.outlier_weights``); γ binds
+    samples of positive weight; ``length``: how many frames count, traced or not, when the rest is
+    padding (any rotations; what comes out there means nothing), so that one compiled function
+    serves clips of many lengths.
     **Returns:** :class:`MotionLayers`. Differentiable in the motion, ``lam_c`` and ``sigma_c``.
     **Raises:** ``ValueError`` for an unknown scope or method or a γ outside (0, π); at run time as
     ``smoothing.lgs`` and ``smoothing.geodesic``.
@@ -132,19 +137,17 @@ def _decompose(
     method: Literal["chordal", "geodesic"],
 ) -> MotionLayers:
     motion = motion.with_transforms(rotations=quaternion.align_signs(motion.rotations))
-    rotations = jax.lax.stop_gradient(motion.rotations)
-    rung, saturated = _climb(rotations, weights, gamma, scope, order)
+    tuning, clean = None, motion
+    if criterion is not None:
+        tuning, clean = without_noise(motion, criterion, order, weights, method)
+    rung, saturated = _climb(jax.lax.stop_gradient(clean.rotations), weights, gamma, scope, order)
     lam, sigma = _rung_parameters(rung, motion.dtype)
-    base = smooth_motion(motion, lam, sigma, order=order, weights=weights, method=method)
-    whole = minus(motion, base)
+    base = smooth_motion(clean, lam, sigma, order=order, weights=weights, method=method)
+    whole = minus(clean, base)
+    if criterion is not None:
+        return MotionLayers(base, whole, minus(motion, clean), lam, sigma, saturated, tuning)
     # One smoother for both: f[T, J, 2, 3], each joint's translation and rotation apart.
     both = jnp.stack([whole.translations, whole.rotations], axis=2)
-    tuning = None
-    if criterion is not None:
-        tuning = _tuned(both, criterion, order, weights)
-        moving, turning = tuning.translations, tuning.rotations
-        lam_c = jnp.stack([moving.lam, turning.lam], axis=1)
-        sigma_c = jnp.stack([moving.sigma, turning.sigma], axis=1)
     lam_c, sigma_c = (p.reshape(p.shape + (1,) * (3 - p.ndim)) for p in (lam_c, sigma_c))
     of_both = weights
     if weights is not None and weights.ndim > 1:
@@ -153,7 +156,31 @@ def _decompose(
     control = Displacement(smooth[:, :, 0], smooth[:, :, 1])
     left = quaternion.between(quaternion.exp(control.rotations), quaternion.exp(whole.rotations))
     residual = Displacement(whole.translations - control.translations, quaternion.log(left))
-    return MotionLayers(base, control, residual, lam, sigma, saturated, tuning)
+    return MotionLayers(base, control, residual, lam, sigma, saturated, None)
+
+
+def without_noise(
+    motion: Motion,
+    criterion: Criterion,
+    order: Literal[1, 2],
+    weights: Array | None,
+    method: Literal["chordal", "geodesic"],
+) -> tuple[MotionTuning, Motion]:
+    """What is learned of the noise, joint by joint, and the motion smoothed accordingly."""
+    tuning = tune(motion, criterion=criterion, order=order, weights=weights)
+    assert isinstance(tuning, MotionTuning)
+    turning, moving = tuning.rotations, tuning.translations
+    clean = smooth_motion(
+        motion,
+        turning.lam,
+        turning.sigma,
+        translation_lam=moving.lam,
+        translation_sigma=moving.sigma,
+        order=order,
+        weights=weights,
+        method=method,
+    )
+    return tuning, clean
 
 
 def _climb(rotations: Array, weights: Array | None, gamma: Array, scope: str, order: Literal[1, 2]):
@@ -190,14 +217,3 @@ def _climb(rotations: Array, weights: Array | None, gamma: Array, scope: str, or
 def _rung_parameters(k: Array, dtype) -> tuple[Array, Array]:
     growth = jnp.asarray(_RATIO, dtype) ** jnp.asarray(k, dtype)
     return _LAM_0 * growth, _SIGMA_0 * growth
-
-
-def _tuned(
-    both: Array, criterion: Criterion, order: Literal[1, 2], weights: Array | None
-) -> MotionTuning:
-    groups = both.reshape(both.shape[0], -1, 3)
-    if weights is not None and weights.ndim > 1:
-        weights = jnp.repeat(weights, 2, axis=1)
-    found = tune_signal(groups, criterion=criterion, order=order, weights=weights)
-    moving, turning = (jax.tree.map(lambda x, k=k: x.reshape(-1, 2)[:, k], found) for k in (0, 1))
-    return MotionTuning(turning, moving)

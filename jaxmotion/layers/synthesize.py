@@ -16,8 +16,13 @@ from jaxtyping import Array, Float
 from jaxmotion import spacetime
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
-from jaxmotion.displacement import Displacement, plus
-from jaxmotion.layers.decompose import MotionLayers, counted_weights, decompose
+from jaxmotion.displacement import Displacement, minus, plus
+from jaxmotion.layers.decompose import (
+    MotionLayers,
+    counted_weights,
+    decompose,
+    without_noise,
+)
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.smoothing import outlier_weights
@@ -45,9 +50,9 @@ def synthesize(
     moving = alpha if translation_alpha is None else translation_alpha
     edit = _synthesize(
         layers,
-        _gain("alpha", alpha, layers),
-        _gain("translation_alpha", moving, layers),
-        _gain("residual", residual, layers),
+        _gain("alpha", alpha, layers.base),
+        _gain("translation_alpha", moving, layers.base),
+        _gain("residual", residual, layers.base),
     )
     if keep_contacts is False:
         return edit
@@ -75,29 +80,35 @@ def denoise(
     weights: ArrayLike | None = None,
     length: ScalarLike | None = None,
 ) -> Motion:
-    """Remove the residual layer.
+    """Remove the noise of the capture: the residual layer of :func:`decompose`.
 
-    **Arguments:** ``tune``: learn the control layer's parameters from the clip, per joint, by
-    restricted evidence; False takes the paper's λ = σ = 1; ``lam``, ``sigma``: the parameters,
-    scalars or f[J], which then are not learned (one left out is 1); ``strength``: the share of the
-    residual that is removed, 1 for all, 0 for none, a scalar, f[J] or f[T, J]; ``robust``: find
-    spikes and other gross errors first and bridge them (``smoothing.outlier_weights``);
-    ``method``, ``weights``, ``length``: as :func:`decompose`.
+    **Arguments:** ``tune``: learn the smoother's parameters from the clip, per joint, by restricted
+    evidence; False takes the paper's λ = σ = 1 for the control layer; ``lam``, ``sigma``: that
+    layer's parameters, scalars or f[J], and nothing is learned (one left out is 1); ``strength``:
+    the share of the residual that is removed, 1 for all, 0 for none, a scalar, f[J] or f[T, J];
+    ``robust``: find spikes and other gross errors first and bridge them
+    (``smoothing.outlier_weights``); ``method``, ``weights``, ``length``: as :func:`decompose`.
     **Returns:** a motion of the same shape. Eom et al. 2019, §5.2 (α = 1) and §6.2.
+    **Raises:** as :func:`decompose` and :func:`synthesize`.
     """
-    learn = tune and lam is None and sigma is None
+    weights = counted_weights(motion, weights, length)
     if robust:
-        weights = outlier_weights(motion, weights=counted_weights(motion, weights, length))
-    layers = decompose(
-        motion,
-        lam_c=1.0 if lam is None else lam,
-        sigma_c=1.0 if sigma is None else sigma,
-        tune="evidence" if learn else None,
-        method=method,
-        weights=weights,
-        length=length,
-    )
-    return synthesize(layers, 1.0, 1.0 - jnp.asarray(strength, motion.dtype))
+        weights = outlier_weights(motion, weights=weights)
+    kept = 1.0 - jnp.asarray(strength, motion.dtype)
+    if tune and lam is None and sigma is None:
+        return _without_noise(motion, weights, _gain("strength", kept, motion), method)
+    lam_c, sigma_c = (1.0 if given is None else given for given in (lam, sigma))
+    layers = decompose(motion, lam_c=lam_c, sigma_c=sigma_c, method=method, weights=weights)
+    return synthesize(layers, 1.0, kept)
+
+
+@eqx.filter_jit
+def _without_noise(
+    motion: Motion, weights: Array | None, kept: Array, method: Literal["chordal", "geodesic"]
+) -> Motion:
+    """The tuned layers' base ⊕ control ⊕ a share of the residual, for which no base is needed."""
+    _, clean = without_noise(motion, "evidence", 2, weights, method)
+    return plus(clean, minus(motion, clean).scale(kept))
 
 
 def stylize(
@@ -134,12 +145,12 @@ def joint_weights(
     return jnp.asarray(weights, skeleton.offsets.dtype)
 
 
-def _gain(name: str, value: ArrayLike, layers: MotionLayers):
-    value = jnp.asarray(value, layers.base.dtype)
-    frames, joints = layers.base.num_frames, layers.base.num_joints
+def _gain(name: str, value: ArrayLike, motion: Motion) -> Array:
+    value = jnp.asarray(value, motion.dtype)
+    frames, joints = motion.num_frames, motion.num_joints
     if value.shape not in ((), (joints,), (frames, joints), (frames, 1)):
         raise ValueError(
-            f"synthesize: {name} has shape {value.shape}; expected a scalar, ({joints},) per joint "
-            f"or ({frames}, {joints}) per frame and joint"
+            f"{name} has shape {value.shape}; expected a scalar, ({joints},) per joint or "
+            f"({frames}, {joints}) per frame and joint"
         )
     return value

@@ -104,19 +104,26 @@ def smooth_motion(
     method: Method = "chordal",
     signs: Signs = "nearest",
     window: int | None = None,
+    translation_lam: ScalarLike | None = None,
+    translation_sigma: ScalarLike | None = None,
 ) -> Motion:
     """Smooth every joint's rotation, and the translations of the joints that are translated.
 
     **Arguments:** ``lam``, ``sigma``: scalars or f[J], traced or not (σ is in radians for chordal
     components' half angles and in length units for translations; only λσ matters to the mean);
+    ``translation_lam``, ``translation_sigma``: those of the translations if they are to differ;
     ``weights``: f[T] or f[T, J], 0 for missing; ``stiffness``: f[Nf] or f[Nf, J]; others as
     :func:`smooth_quaternions`.
     **Returns:** a motion of ``num_frames`` frames and the same frame time.
     **Raises:** as :func:`smooth_quaternions`.
     """
     _check_options(method, signs, weights, stiffness, window)
-    lam = _checked_gain("lam", lam, motion.num_joints)
-    sigma = _checked_gain("sigma", sigma, motion.num_joints)
+    moving_lam = lam if translation_lam is None else translation_lam
+    moving_sigma = sigma if translation_sigma is None else translation_sigma
+    given = {"lam": lam, "sigma": sigma}
+    given |= {"translation_lam": moving_lam, "translation_sigma": moving_sigma}
+    for name, value in given.items():
+        _check_gain(name, value, motion.num_joints)
     weights, stiffness = (
         None if x is None else jnp.asarray(x, motion.dtype) for x in (weights, stiffness)
     )
@@ -124,11 +131,16 @@ def smooth_motion(
     moved = np.asarray(motion.translated_joints, int)
     y = motion.translations[:, moved]
 
-    def solve(y: Array, joints: np.ndarray) -> Array:
+    def solve(y: Array, turned: np.ndarray) -> Array:
+        """``y``: rotations of the joints ``turned``, then translations of those that move."""
+        joints = np.concatenate([turned, moved])
         of_y, firm = (
             x if x is None or x.ndim == 1 else x[:, joints, None] for x in (weights, stiffness)
         )
-        gains = _of_joints(lam, joints), _of_joints(sigma, joints)
+        gains = (
+            _of_both(lam, moving_lam, turned, moved),
+            _of_both(sigma, moving_sigma, turned, moved),
+        )
         return _mean(y, *gains, window, weights=of_y, stiffness=firm, **design)
 
     if method == "geodesic":
@@ -142,14 +154,14 @@ def smooth_motion(
             window=window,
             **design,
         )
-        y = solve(y, moved) if moved.size else y
+        y = solve(y, np.zeros(0, int)) if moved.size else y
     else:
         # One solve for both: translations are given a spare component, and stand as more joints.
         joints = motion.num_joints
         x = to_components(motion.rotations, weights, index, method, signs)
         spare = jnp.zeros((*y.shape[:2], x.shape[-1] - 3), y.dtype)
         y = jnp.concatenate([x, jnp.concatenate([y, spare], -1)], axis=1)
-        x = solve(y, np.concatenate([np.arange(joints), moved]))
+        x = solve(y, np.arange(joints))
         rotations, y = from_components(x[:, :joints], method), x[:, joints:, :3]
     shape = (rotations.shape[0], motion.num_joints, 3)
     translations = jnp.broadcast_to(motion.translations[:1], shape)
@@ -262,15 +274,22 @@ def _on_components(parameter: ScalarLike) -> ScalarLike:
     return parameter if np.ndim(parameter) == 0 else jnp.asarray(parameter)[..., None]
 
 
-def _of_joints(parameter: ScalarLike, joints: np.ndarray) -> ScalarLike:
-    """The chosen joints' values of a per-joint parameter, with a component axis."""
-    return parameter if np.ndim(parameter) == 0 else jnp.asarray(parameter)[joints, None]
+def _of_both(
+    turning: ScalarLike, moving: ScalarLike, turned: np.ndarray, moved: np.ndarray
+) -> ScalarLike:
+    """A parameter of some joints' rotations and others' translations, with a component axis."""
+    if turning is moving and np.ndim(turning) == 0:
+        return turning
+    parts = (
+        jnp.broadcast_to(jnp.asarray(x)[joints] if np.ndim(x) else jnp.asarray(x), len(joints))
+        for x, joints in ((turning, turned), (moving, moved))
+    )
+    return jnp.concatenate(list(parts))[:, None]
 
 
-def _checked_gain(name: str, value: ScalarLike, joints: int) -> ScalarLike:
+def _check_gain(name: str, value: ScalarLike, joints: int) -> None:
     if np.shape(value) not in ((), (joints,)):
         raise ValueError(
             f"smooth_motion: {name} has shape {np.shape(value)}; expected a scalar or ({joints},), "
             "one a joint"
         )
-    return value

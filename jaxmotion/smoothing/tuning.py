@@ -30,10 +30,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion import quaternion
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.lgs import Posterior, lgs
+from jaxmotion.smoothing.rotations import to_components
 
 Criterion: TypeAlias = Literal["evidence", "gcv", "holdout"]
 Per: TypeAlias = Literal["clip", "joint", "channel"]
@@ -56,9 +56,9 @@ class Tuning(eqx.Module):
 
 
 class MotionTuning(eqx.Module):
-    """One :class:`Tuning` for ``rotations`` (in quaternion components: half angles) and one for
-    ``translations`` (file units), f[J] each or f[] for "clip". Joints that are not translated get
-    λ = σ = 1."""
+    """One :class:`Tuning` for ``rotations`` (σ in half angles about each axis) and one for
+    ``translations`` (σ in file units), f[J] each or f[] for "clip". Joints that are not translated
+    get λ = σ = 1."""
 
     rotations: Tuning
     translations: Tuning
@@ -94,8 +94,13 @@ def tune(
 def _tune_motion(motion: Motion, weights: ArrayLike | None, options: dict) -> MotionTuning:
     if options["per"] == "channel":
         raise ValueError("tune: per='channel' needs a signal; a motion has 'clip' or 'joint'")
-    rotations = quaternion.align_signs(motion.rotations)
-    turning = tune_signal(rotations, weights=weights, **options)
+    weights = None if weights is None else jnp.asarray(weights, motion.dtype)
+    components = to_components(motion.rotations, weights, options["index"])
+    turning = tune_signal(components, weights=weights, **options)
+    # Noise leaves a quaternion's length as it is, so that one of its four components has none.
+    share = math.sqrt(4 / 3)
+    lam, sigma = turning.lam / share ** (3 - options["order"]), turning.sigma * share
+    turning = Tuning(lam, sigma, turning.score)
     moved = np.asarray(motion.translated_joints, int)
     ones = jnp.ones_like(turning.lam)
     if not moved.size:

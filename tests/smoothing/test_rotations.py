@@ -179,6 +179,13 @@ def test_motion_takes_parameters_and_weights_per_joint_and_can_be_resampled():
     for j in range(4):
         want = dense_smooth(motion.translations[:, j], 0.5 * lam[j], weights[:, j])
         np.testing.assert_allclose(smooth.translations[:, j], want, atol=1e-12)
+    apart = smooth_motion(motion, lam, 0.5, translation_lam=2 * lam, weights=weights)
+    np.testing.assert_array_equal(apart.rotations, smooth.rotations)
+    want = dense_smooth(motion.translations[:, 1], lam[1], weights[:, 1])
+    np.testing.assert_allclose(apart.translations[:, 1], want, atol=1e-12)
+    exact = smooth_motion(motion, 3.0, 0.5, translation_sigma=1.5, method="geodesic")
+    want = dense_smooth(motion.translations[:, 1], 4.5)
+    np.testing.assert_allclose(exact.translations[:, 1], want, atol=1e-12)
     longer = smooth_motion(motion, 0.01, 1.0, index=np.linspace(0, 18, 10), num_frames=19)
     assert longer.num_frames == 19
     assert_same_rotation(longer.rotations[::2], motion.rotations, atol=1e-3)
@@ -188,6 +195,8 @@ def test_wrong_arguments_are_named():
     motion = random_motion(np.random.default_rng(9), 5, 4)
     with pytest.raises(ValueError, match="lam has shape"):
         smooth_motion(motion, np.ones(3), 1.0)
+    with pytest.raises(ValueError, match="translation_sigma has shape"):
+        smooth_motion(motion, 1.0, 1.0, translation_sigma=np.ones(3))
     with no_shape_checks(), pytest.raises(ValueError, match="method"):
         smooth_quaternions(motion.rotations, 1.0, 1.0, method="euler")
     with no_shape_checks(), pytest.raises(ValueError, match="signs"):

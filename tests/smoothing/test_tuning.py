@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
+import jaxmotion as jm
+from jaxmotion import quaternion
 from jaxmotion.smoothing import MotionTuning, lgs, tune
 from tests.helpers import no_shape_checks, random_motion
 
@@ -146,6 +148,31 @@ def test_a_motion_gets_parameters_for_rotations_and_translations():
     clip = tune(motion, per="clip")
     assert isinstance(clip, MotionTuning)
     assert clip.translations.lam.shape == ()
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_noise_of_a_motion_is_found_in_its_units(order):
+    """Known noise on turning and moving joints: half its angle about each axis, and its length."""
+    rng = np.random.default_rng(6)
+    t = np.arange(600)[:, None, None] / 30
+    path = np.sin(t * [1.0, 1.3, 0.7] + rng.uniform(0, 6, (3, 1)))
+    if order == 1:
+        path = path * 0 + 0.5  # smooth paths are nothing like its random walks
+    skeleton = jm.Skeleton(("a", "b", "c"), (-1, 0, 1), np.zeros((3, 3)))
+    turned = quaternion.multiply(
+        quaternion.exp(path), quaternion.exp(0.04 * rng.standard_normal((600, 3, 3)))
+    )
+    moved = path[:, 0] + 0.02 * rng.standard_normal((600, 3))
+    found = tune(jm.Motion.from_root(skeleton, moved, turned, 1 / 30), order=order)
+    assert isinstance(found, MotionTuning)
+    np.testing.assert_allclose(found.rotations.sigma, 0.02, rtol=0.05)
+    np.testing.assert_allclose(found.translations.sigma[0], 0.02, rtol=0.05)
+    raw = tune(quaternion.align_signs(turned), order=order)
+    learned = found.rotations
+    power = 1 if order == 2 else 2
+    np.testing.assert_allclose(
+        learned.lam * learned.sigma**power, raw.lam * raw.sigma**power, rtol=1e-10
+    )
 
 
 def test_no_gradient_passes_and_mistakes_are_named():
