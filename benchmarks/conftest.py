@@ -14,11 +14,12 @@ A benchmark is a test in ``benchmarks/bench_*.py`` that hands the ``race`` fixtu
         )
 
 - One test is one operation at one size. Ours and every peer run in turn in the same test (peer,
-  peer, ours, peer, peer, ours, ...), so a busy machine slows all alike; medians are compared.
+  peer, ours, peer, peer, ours, ...), so a busy machine slows all alike; medians are compared. Each
+  timed call follows an untimed one of the same work: caches hold its data, not the last peer's.
 - Callables take nothing and return what they made; the fixture waits for JAX arrays. Make inputs
   outside them. Check in the test that the results agree (``race`` returns ours and the peers').
-- ``warm=False`` leaves the first call in: for compile times and cold processes, where each call
-  must do all the work (jit a fresh function) and ``rounds=3`` or so is enough.
+- ``warm=False`` times every call, the first included: for compile times and cold processes, where
+  each call must do all the work (jit a fresh function) and ``rounds=3`` or so is enough.
 - ``amount=(3.2, "MB")`` adds a rate to our column. ``goals`` are shown, not enforced: a timing is
   no assertion.
 - Missing peers skip: ``jaxlie = pytest.importorskip("jaxlie")``.
@@ -83,8 +84,12 @@ def race(benchmark, request):
 
         def time_peers():
             for peer, work in peers.items():
+                if warm:
+                    _time(work)
                 duration, results[peer] = _time(work)
                 taken[peer].append(duration)
+            if warm:
+                _time(ours)
 
         benchmark.group = operation
         result = benchmark.pedantic(

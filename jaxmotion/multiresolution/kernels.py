@@ -64,6 +64,39 @@ def fenced(f: Callable[..., Any], *args: Any) -> Any:
 
 
 @jax.custom_jvp
+def unit(q: Parts) -> Parts:
+    """q/‖q‖; the zero quaternion becomes the identity (derivative 0)."""
+    return _unit(q, _inverse_norm(q))
+
+
+def _unit(q: Parts, inverse: Array) -> Parts:
+    w, x, y, z = scaled(inverse, q)
+    return jnp.where(inverse > 0, w, 1), x, y, z
+
+
+def _inverse_norm(q: Parts) -> Array:
+    square = dot(q, q)
+    usable = square > 0
+    return jnp.where(usable, jax.lax.rsqrt(jnp.where(usable, square, 1)), 0)
+
+
+@unit.defjvp
+def _unit_jvp(primals, tangents):
+    (q,), (dq,) = primals, tangents
+    inverse = _inverse_norm(q)
+    u = _unit(q, inverse)
+
+    def change(u, inverse, dq):
+        along = dot(u, dq)
+        return tuple(inverse * (d - along * c) for d, c in zip(dq, u, strict=True))
+
+    # The matrix of change is symmetric.
+    return u, linear(
+        change, lambda u, inverse, pull: (change(u, inverse, pull),), (u, inverse), (dq,)
+    )
+
+
+@jax.custom_jvp
 def step(a: Parts, b: Parts) -> Parts:
     """ω = log(a⁻¹b)."""
     return fenced(_step, a, b)

@@ -8,7 +8,6 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from jaxmotion import quaternion
 from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
@@ -19,8 +18,9 @@ from jaxmotion.multiresolution.kernels import (
     scaled,
     step,
     turned,
+    unit,
 )
-from jaxmotion.quaternion.algebra import rotated
+from jaxmotion.quaternion.algebra import rotated, running_signs
 
 Times: TypeAlias = Float[AnyArray, " time"]
 Poses: TypeAlias = tuple[Parts, Parts]
@@ -56,20 +56,19 @@ def poses_of(motion: Motion) -> Poses:
     """A motion's transforms by component, translations of its translated joints only."""
     moving = np.asarray(motion.translated_joints, int)
     p = jnp.asarray(motion.translations)[:, moving]
-    return parts_of(p), parts_of(quaternion.normalize(motion.rotations))
+    return parts_of(p), unit(parts_of(motion.rotations))
 
 
 def motion_of(poses: Poses, like: Motion, rate: float, text: str | None = None) -> Motion:
     """A motion from transforms by component, its frame time that of ``like`` times ``rate``; joints
     that are not translated stay where they are in ``like``."""
-    frames = len(poses[1][0])
+    p, q = poses
+    frames = len(q[0])
     still = jnp.asarray(like.translations)[:1]
     return Motion(
         like.skeleton,
-        spread(
-            poses[0], like.translated_joints, jnp.broadcast_to(still, (frames, *still.shape[1:]))
-        ),
-        quaternion.align_signs(together(poses[1])),
+        spread(p, like.translated_joints, jnp.broadcast_to(still, (frames, *still.shape[1:]))),
+        together(scaled(running_signs(q), q)),
         jnp.asarray(rate, like.dtype) * like.frame_time,
         translated_joints=like.translated_joints,
         frame_time_text=text,

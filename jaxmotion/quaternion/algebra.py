@@ -147,8 +147,12 @@ def align_signs(q: Quaternion, axis: int = 0) -> Quaternion:
     """
     q = jnp.asarray(q)
     axis = leading_axis(axis, q.shape, "align_signs")
-    q = jnp.moveaxis(q, axis, 0)
-    dots = jnp.sum(q[1:] * q[:-1], axis=-1, keepdims=True)
-    flips = jnp.cumprod(jnp.where(dots < 0, -1.0, 1.0).astype(q.dtype), axis=0)
-    aligned = jnp.concatenate([q[:1], q[1:] * flips], axis=0)
-    return jnp.moveaxis(aligned, 0, axis)
+    signs = running_signs(components(jnp.moveaxis(q, axis, 0), 4, "q"))
+    return q * jnp.moveaxis(signs[..., None], 0, axis)
+
+
+def running_signs(q: Sequence[Array]) -> Array:
+    """What :func:`align_signs` multiplies each sample of axis 0 by, from components."""
+    dots = sum((c[1:] * c[:-1] for c in q[1:]), start=q[0][1:] * q[0][:-1])
+    flips = jnp.where(dots < 0, -1.0, 1.0).astype(dots.dtype)
+    return jnp.cumprod(jnp.concatenate([jnp.ones_like(q[0][:1]), flips]), axis=0)

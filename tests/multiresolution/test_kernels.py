@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxmotion import quaternion
-from jaxmotion.multiresolution.kernels import halfway, step, steps, turned, wrapped
+from jaxmotion.multiresolution.kernels import halfway, step, steps, turned, unit, wrapped
 from jaxmotion.multiresolution.poses import parts_of, together
 from tests.helpers import (
     assert_finite_derivatives,
@@ -61,9 +61,9 @@ def test_derivatives():
     rng = np.random.default_rng(2)
     a = random_quaternions(rng, (4, 2))
     v = 1.1 * random_vectors(rng, (4, 2))
-    unit = quaternion.normalize
-    check_gradients(lambda a, b: _step(unit(a), unit(b)), a, _turned(a, v))
-    check_gradients(lambda a, v: _turned(unit(a), v), a, v)
+    normalize = quaternion.normalize
+    check_gradients(lambda a, b: _step(normalize(a), normalize(b)), a, _turned(a, v))
+    check_gradients(lambda a, v: _turned(normalize(a), v), a, v)
 
 
 def test_derivatives_are_finite_at_rest_and_at_half_a_turn():
@@ -100,3 +100,20 @@ def test_wrapping_passes_the_derivative_of_the_same_rotation():
     v = 9 * random_vectors(np.random.default_rng(5), (6, 2))
     assert np.linalg.norm(v, axis=-1).max() > 2 * np.pi
     check_gradients(lambda v: together(wrapped(parts_of(v))), v)
+
+
+def test_unit_is_normalize_and_so_are_its_derivatives():
+    q = 3 * np.random.default_rng(6).standard_normal((5, 2, 4))
+    q[2, 1] = 0
+    weights = np.random.default_rng(7).standard_normal(q.shape)
+
+    def loss(normalized):
+        return lambda q: jnp.sum(weights * normalized(q) ** 3)
+
+    def by_parts(q):
+        return together(unit(parts_of(q)))
+
+    np.testing.assert_allclose(by_parts(q), quaternion.normalize(q), atol=1e-15)
+    want = jax.grad(loss(quaternion.normalize))(q)
+    np.testing.assert_allclose(jax.grad(loss(by_parts))(q), want, atol=1e-14)
+    check_gradients(by_parts, np.delete(q, 2, axis=0))
