@@ -51,6 +51,10 @@ def test_floor_no_contacts_and_errors(skating):
     low = slid.with_transforms(slid.translations.at[:, 0, 1].add(-0.05))
     clean = cleanup_root(low, contacts, floor=0.0)
     assert penetration(clean, contacts.points).max() < 1e-9
+    np.testing.assert_array_equal(  # a floor below the feet lifts and lowers nothing
+        cleanup_root(slid, contacts, floor=-1.0).translations,
+        cleanup_root(slid, contacts).translations,
+    )
     none = Contacts(contacts.points, np.zeros((FRAMES, 4), bool), contacts.target)
     np.testing.assert_array_equal(cleanup_root(slid, none).translations, slid.translations)
     assert cleanup_root(slid, detect(slid, joints=[])) is slid

@@ -60,6 +60,21 @@ def test_parameters_per_channel_and_candidates():
         np.testing.assert_allclose(found.variance, variance, rtol=1e-9)
 
 
+def test_well_observed_frames_gain_less_and_none_is_chosen_twice():
+    """Every frame observed, some poorly and some very well: variances on both sides of an
+    observation's own. In the first clip, of frames hardly tied to each other, the poorest would be
+    worth observing again."""
+    poor_and_good = np.array([0.02, 6.0, 0.9, 2.0, 0.3, 12.0, 1.1, 0.7])
+    mixed = np.array([1.15, 1.34, 12.55, 0.05, 0.71, 3.23, 0.1, 0.35])
+    sigma = 0.5
+    for weights, lam in ((poor_and_good, 0.05), (mixed, 3.0)):
+        found = suggest_keys(lgs(np.ones(8), lam, sigma, weights=weights), 5)
+        precision = [dense_precision(8, np.arange(8), weights, lam, sigma)]
+        frames, variance = greedy(precision, [sigma], 5)
+        np.testing.assert_array_equal(found.frames, frames)
+        np.testing.assert_allclose(found.variance, variance[..., 0], rtol=1e-9)
+
+
 def test_observing_the_suggested_frames_gives_the_variances():
     keys = np.array([0.0, 3.25, 19.0])
     found = suggest_keys(lgs(np.ones(3), 1.0, 0.5, index=keys, num_frames=20), 3)
