@@ -62,6 +62,15 @@ def test_floor_no_contacts_and_errors(skating):
         cleanup_root(slid[:30], contacts)
 
 
+def test_frames_beyond_the_length_do_not_matter(skating):
+    _, slid, contacts = skating
+    few = jax.tree.map(lambda x: x[:45] if x.shape[:1] == (FRAMES,) else x, contacts)
+    want = cleanup_root(slid[:45], few)
+    wild = slid.with_transforms(slid.translations.at[45:].mul(7.0))
+    got = cleanup_root(wild, contacts, length=45)
+    np.testing.assert_allclose(got.translations[:45], want.translations, atol=1e-9)
+
+
 @pytest.mark.parametrize("frames", [1, 2, 3])
 def test_tiny_clips_in_single_precision(skating, frames):
     _, slid, contacts = skating

@@ -105,6 +105,15 @@ def test_spikes_of_a_motion_are_bridged_whatever_their_signs():
     assert float(jnp.mean(quaternion.distance(alone.rotations, motion.rotations))) < 1.15 * unspoilt
 
 
+def test_a_jump_of_a_moving_joint_counts_for_it_alone():
+    motion = jm.samples.load("walk").motion[:90]
+    assert 0 in motion.translated_joints
+    jumping = motion.with_transforms(motion.translations.at[40, 0, 1].add(0.5))
+    w, before = (np.asarray(outlier_weights(m)) for m in (jumping, motion))
+    assert w[40, 0] == 0 < before[40, 0]
+    np.testing.assert_array_equal(w[:, 1:], before[:, 1:])
+
+
 def test_what_is_known_beforehand_counts():
     _, y, _, _ = wave(40)
     given = np.ones(40)
