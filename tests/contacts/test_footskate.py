@@ -8,6 +8,7 @@ import pytest
 from scipy.optimize import minimize
 
 import jaxmotion as jm
+from jaxmotion import quaternion
 from jaxmotion.contacts import (
     ContactPoints,
     Contacts,
@@ -52,6 +53,30 @@ def test_planted_points_stay(skating, stretch):
     lengths = np.linalg.norm(clean.translations[:, [15, 16, 19, 20]], axis=-1)
     rest = np.linalg.norm(motion.skeleton.offsets[jnp.array([15, 16, 19, 20])], axis=-1)
     np.testing.assert_allclose(lengths, np.broadcast_to(rest, lengths.shape), rtol=stretch + 1e-9)
+
+
+def test_a_foot_s_turn_fades_from_contact_to_contact(skating):
+    """The root sways to and fro by 0.2 rad, and planted feet are turned back by as much: not at
+    once, but over the fade."""
+    motion, contacts, _ = skating
+    up = np.array([0.0, 1.0, 0.0])
+    sway = quaternion.exp(0.2 * np.sin(np.arange(FRAMES) / 6.0)[:, None] * up)
+    swaying = motion.with_transforms(
+        rotations=motion.rotations.at[:, 0].set(quaternion.multiply(sway, motion.rotations[:, 0]))
+    )
+    feet = sorted({limb[2] for limb in contacts.points.limbs})
+
+    def turns(fade):
+        clean = cleanup_footskate(swaying, contacts, fade=fade)
+        after, before = (jm.forward_kinematics(m).rotations[:, feet] for m in (clean, swaying))
+        return np.asarray(quaternion.log(quaternion.between(before, after)))
+
+    size = np.linalg.norm(turns(0.15), axis=-1).max()
+    assert size > 0.15
+    faded, sudden = (
+        np.linalg.norm(np.diff(turns(fade), axis=0), axis=-1).max() for fade in (0.15, 1e-3)
+    )
+    assert faded < 0.4 * size < 0.8 * size < sudden
 
 
 def test_what_is_not_near_a_contact_is_untouched(skating):
