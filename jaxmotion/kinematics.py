@@ -30,7 +30,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
 from jaxmotion.motion import Motion
-from jaxmotion.quaternion.algebra import multiply, product, rotated
+from jaxmotion.quaternion.algebra import multiply, normalized, product, rotated
 from jaxmotion.skeleton import Skeleton, levels_of
 
 Lanes = Float[Array, "joint _ #time"]
@@ -131,11 +131,7 @@ def _chain(parents: tuple[int, ...], q: Lanes, t: Lanes) -> tuple[Lanes, Lanes]:
 
 def _compose(above: tuple[Lanes, Lanes] | None, own: tuple[Lanes, Lanes]) -> tuple[Lanes, Lanes]:
     q, t = (jnp.unstack(x, axis=1) for x in own)
-    squared = _squared_norm(q)
-    usable = squared > 0
-    scale = jax.lax.rsqrt(jnp.where(usable, squared, 1))
-    w, x, y, z = (c * scale for c in q)
-    q = (jnp.where(usable, w, 1), x, y, z)
+    q = normalized(q)
     if above is not None:
         parent, start = (jnp.unstack(x, axis=1) for x in above)
         q = product(parent, q)

@@ -93,11 +93,16 @@ def decompose(
         raise ValueError(f"decompose: scope={scope!r}; expected 'global' or 'per_joint'")
     if not isinstance(gamma, jax.Array) and not 0 < float(gamma) < np.pi:
         raise ValueError(f"decompose: gamma={gamma}; expected an angle between 0 and π")
-    if method not in ("chordal", "geodesic"):
-        raise ValueError(f"decompose: method={method!r}; expected 'chordal' or 'geodesic'")
+    check_method(method, "decompose")
     weights = counted_weights(motion, weights, length)
     gamma, lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (gamma, lam_c, sigma_c))
     return _decompose(motion, weights, gamma, lam_c, sigma_c, scope, order, tune, method)
+
+
+def check_method(method: str, caller: str) -> None:
+    """``ValueError`` unless layers can be had by this method."""
+    if method not in ("chordal", "geodesic"):
+        raise ValueError(f"{caller}: method={method!r}; expected 'chordal' or 'geodesic'")
 
 
 def counted_weights(
@@ -166,7 +171,8 @@ def without_noise(
     weights: Array | None,
     method: Literal["chordal", "geodesic"],
 ) -> tuple[MotionTuning, Motion]:
-    """What is learned of the noise, joint by joint, and the motion smoothed accordingly."""
+    """M̂: what is learned of the noise, joint by joint (``smoothing.tune``), and the motion smoothed
+    accordingly. ``weights`` as :func:`counted_weights` gives them. O(T·J)."""
     tuning = tune(motion, criterion=criterion, order=order, weights=weights)
     assert isinstance(tuning, MotionTuning)
     turning, moving = tuning.rotations, tuning.translations

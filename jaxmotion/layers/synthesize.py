@@ -19,6 +19,7 @@ from jaxmotion.contacts import Contacts
 from jaxmotion.displacement import Displacement, minus, plus
 from jaxmotion.layers.decompose import (
     MotionLayers,
+    check_method,
     counted_weights,
     decompose,
     without_noise,
@@ -91,6 +92,7 @@ def denoise(
     **Returns:** a motion of the same shape. Eom et al. 2019, §5.2 (α = 1) and §6.2.
     **Raises:** as :func:`decompose` and :func:`synthesize`.
     """
+    check_method(method, "denoise")
     weights = counted_weights(motion, weights, length)
     if robust:
         weights = outlier_weights(motion, weights=weights)

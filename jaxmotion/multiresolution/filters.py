@@ -21,12 +21,11 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from jaxmotion import quaternion
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
 from jaxmotion.motion import Motion
-from jaxmotion.multiresolution.kernels import step, turned, wrapped
+from jaxmotion.multiresolution.kernels import steps, turned, unit, wrapped
 from jaxmotion.multiresolution.masks import mirror
-from jaxmotion.multiresolution.poses import check_single, parts_of, together
+from jaxmotion.multiresolution.poses import aligned, check_single, parts_of, together
 
 
 def orientation_filter(q: Quaternion, mask: ArrayLike) -> Quaternion:
@@ -66,13 +65,11 @@ def filter_motion(motion: Motion, mask: ArrayLike) -> Motion:
 
 @eqx.filter_jit
 def _orientation_filter(q: Array, weights: Array) -> Array:
-    q = quaternion.normalize(q)
+    parts = unit(parts_of(q))
     if len(q) < 2:
-        return q
-    parts = parts_of(q)
-    omega = step(tuple(x[:-1] for x in parts), tuple(x[1:] for x in parts))
-    change = wrapped(tuple(_weighted(x, weights) for x in omega))
-    return quaternion.align_signs(together(turned(parts, change)))
+        return together(parts)
+    change = wrapped(tuple(_weighted(x, weights) for x in steps(parts)))
+    return together(aligned(turned(parts, change)))
 
 
 @eqx.filter_jit

@@ -33,7 +33,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmotion._numerics import series_switch
-from jaxmotion.quaternion.algebra import product, rotated
+from jaxmotion.quaternion.algebra import normalized, product, rotated
 
 Parts = tuple[Array, ...]
 
@@ -66,25 +66,14 @@ def fenced(f: Callable[..., Any], *args: Any) -> Any:
 @jax.custom_jvp
 def unit(q: Parts) -> Parts:
     """q/‖q‖; the zero quaternion becomes the identity (derivative 0)."""
-    return _unit(q, _inverse_norm(q))
-
-
-def _unit(q: Parts, inverse: Array) -> Parts:
-    w, x, y, z = scaled(inverse, q)
-    return jnp.where(inverse > 0, w, 1), x, y, z
-
-
-def _inverse_norm(q: Parts) -> Array:
-    square = dot(q, q)
-    usable = square > 0
-    return jnp.where(usable, jax.lax.rsqrt(jnp.where(usable, square, 1)), 0)
+    return normalized(q)
 
 
 @unit.defjvp
 def _unit_jvp(primals, tangents):
     (q,), (dq,) = primals, tangents
-    inverse = _inverse_norm(q)
-    u = _unit(q, inverse)
+    u, square = unit(q), dot(q, q)
+    inverse = jnp.where(square > 0, jax.lax.rsqrt(jnp.where(square > 0, square, 1)), 0)
 
     def change(u, inverse, dq):
         along = dot(u, dq)

@@ -68,11 +68,16 @@ def motion_of(poses: Poses, like: Motion, rate: float, text: str | None = None) 
     return Motion(
         like.skeleton,
         spread(p, like.translated_joints, jnp.broadcast_to(still, (frames, *still.shape[1:]))),
-        together(scaled(running_signs(q), q)),
+        together(aligned(q)),
         jnp.asarray(rate, like.dtype) * like.frame_time,
         translated_joints=like.translated_joints,
         frame_time_text=text,
     )
+
+
+def aligned(q: Parts) -> Parts:
+    """The same rotations, neighbours in time in one hemisphere."""
+    return scaled(running_signs(q), q)
 
 
 def spread(

@@ -10,6 +10,7 @@ on a last axis of four is up to ten times slower on a CPU.
 
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -89,6 +90,16 @@ def normalize(q: Quaternion) -> Quaternion:
     usable = norm > 0
     unit = q / jnp.where(usable, norm, 1.0)
     return jnp.where(usable, unit, identity(dtype=q.dtype))
+
+
+def normalized(q: Sequence[Array]) -> tuple[Array, ...]:
+    """:func:`normalize` on components, for callers whose arrays keep them on another axis and who
+    have a derivative of their own."""
+    w, x, y, z = q
+    squared = w * w + x * x + y * y + z * z
+    usable = squared > 0
+    scale = jax.lax.rsqrt(jnp.where(usable, squared, 1))
+    return jnp.where(usable, scale * w, 1), scale * x, scale * y, scale * z
 
 
 def identity(shape: tuple[int, ...] = (), dtype=None) -> Quaternion:

@@ -10,7 +10,7 @@ import jaxmotion as jm
 from jaxmotion import quaternion
 from jaxmotion.displacement import Displacement, plus
 from jaxmotion.smoothing import smooth_quaternions
-from tests.helpers import assert_same_rotation, check_gradients
+from tests.helpers import assert_same_rotation, check_gradients, no_shape_checks
 from tests.layers.test_decompose import swinging
 
 
@@ -169,6 +169,10 @@ def test_derivatives_with_respect_to_gains_and_parameters(layers):
 def test_wrong_shapes_are_named_and_dtype_is_kept(layers):
     with pytest.raises(ValueError, match=r"alpha has shape \(2,\)"):
         jm.synthesize(layers, np.ones(2))
+    with pytest.raises(ValueError, match=r"strength has shape \(2,\)"):
+        jm.denoise(swinging(frames=12), strength=np.ones(2))
+    with no_shape_checks(), pytest.raises(ValueError, match="denoise: method='rotvec'"):
+        jm.denoise(swinging(frames=12), method="rotvec")
     with pytest.raises(ValueError, match="displacement has shape"):
         plus(layers.base, Displacement(jnp.zeros((1, 3, 3)), jnp.zeros((1, 3, 3))))
     single = jax.tree.map(lambda x: x.astype(np.float32), swinging())

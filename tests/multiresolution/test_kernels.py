@@ -91,9 +91,9 @@ def test_derivatives_along_time():
     rng = np.random.default_rng(4)
     q = random_quaternions(rng, (5, 2))
     v = 0.7 * random_vectors(rng, (4, 2))
-    unit = quaternion.normalize
-    check_gradients(lambda q, v: _halfway(unit(q), v), q, v)
-    check_gradients(lambda q: together(steps(parts_of(unit(q)))), q)
+    normalize = quaternion.normalize
+    check_gradients(lambda q, v: _halfway(normalize(q), v), q, v)
+    check_gradients(lambda q: together(steps(parts_of(normalize(q)))), q)
 
 
 def test_wrapping_passes_the_derivative_of_the_same_rotation():
