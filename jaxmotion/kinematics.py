@@ -5,7 +5,8 @@
 
 Level by level from the root, O(T·J). Arrays are worked on with joints first and time last
 ("lanes", shapes (joint, component, time)): a joint is one block of memory, so levels and parents
-are gathered by whole blocks, and every operation is long vector arithmetic.
+are gathered by whole blocks, and every operation is long vector arithmetic. Memory bounds it, so
+translations are read only of the joints that move; the others have one, their first frame's.
 
 The derivative is written by hand, because differentiating the loop costs about twenty forward
 passes. With ω the angular and v the linear velocity that a change (δr, δt) gives every joint,
@@ -52,12 +53,20 @@ def forward_kinematics(motion: Motion) -> WorldPose:
     **Arguments:** ``motion``: T frames, J joints; leading batch axes allowed.
     **Returns:** :class:`WorldPose`, in the motion's dtype and unit of length.
 
-    O(T·J) time and memory. Differentiable in translations, rotations and end-site offsets, in both
-    modes; see the module for the adjoint.
+    A joint outside ``motion.translated_joints`` has one translation, its first frame's, and its
+    derivative falls there. O(T·J) time and memory. Differentiable in translations, rotations and
+    end-site offsets, in both modes; see the module for the adjoint.
     """
     batch = motion.rotations.shape[:-2]
-    lanes = _to_lanes(motion.rotations), _to_lanes(motion.translations)
-    world, positions = _chain(motion.skeleton.parents, *lanes)
+    moved = tuple(sorted(set(motion.translated_joints)))
+    still = jnp.broadcast_to(motion.translations[..., :1, :, :], motion.translations.shape)
+    world, positions = _chain(
+        motion.skeleton.parents,
+        moved,
+        jax.lax.optimization_barrier(_to_lanes(motion.rotations)),
+        jax.lax.optimization_barrier(_rows(_to_lanes(motion.translations), np.array(moved, int))),
+        _to_lanes(still),
+    )
     ends = np.asarray(motion.skeleton.end_joints, int)
     offsets = jnp.asarray(motion.skeleton.end_offsets, motion.dtype)[:, :, None]
     tips = positions[ends] + _turned(world[ends], jnp.unstack(offsets, axis=1))
@@ -65,7 +74,7 @@ def forward_kinematics(motion: Motion) -> WorldPose:
 
 
 def _to_lanes(x: Array) -> Lanes:
-    return jax.lax.optimization_barrier(jnp.transpose(x.reshape(-1, *x.shape[-2:]), (1, 2, 0)))
+    return jnp.transpose(x.reshape(-1, *x.shape[-2:]), (1, 2, 0))
 
 
 def _from_lanes(x: Lanes, batch: tuple[int, ...]) -> Array:
@@ -91,15 +100,14 @@ class _Levels:
                 np.stack([np.pad(k, (0, width - len(k)), constant_values=len(up)) for k in kin], 1)
             )
 
-    def descend(self, x, join):
-        """Root to leaves: ``y = join(y of the parent, x)``; the root keeps ``join(None, x)``.
-        ``x``: a pytree of lanes."""
+    def descend(self, own, join):
+        """Root to leaves: ``y = join(y of the parent, own(joints))``, the root's is
+        ``join(None, own([0]))``; both give pytrees of lanes."""
         levels = []
         for up, joints in zip(self.up, self.levels, strict=True):
-            own = jax.tree.map(partial(_rows, rows=joints), x)
             above = jax.tree.map(partial(_rows, rows=up), levels[-1]) if levels else None
             # Without the barrier XLA recomputes each level inside the next.
-            levels.append(jax.lax.optimization_barrier(join(above, own)))
+            levels.append(jax.lax.optimization_barrier(join(above, own(joints))))
         joined = jax.tree.map(lambda *y: jnp.concatenate(y)[self.restore], *levels)
         return jax.lax.optimization_barrier(joined)
 
@@ -117,16 +125,34 @@ class _Levels:
 
 def _rows(x: Array, rows: np.ndarray) -> Array:
     """x[rows]; a slice where that is one, which XLA does not compute again for every reader."""
-    first, stop = rows[0], rows[0] + len(rows)
-    if not np.array_equal(rows, np.arange(first, stop)):
+    first = rows[0] if len(rows) else 0
+    if not np.array_equal(rows, np.arange(first, first + len(rows))):
         return x[rows]
-    return x if len(rows) == len(x) else x[first:stop]
+    return x if len(rows) == len(x) else x[first : first + len(rows)]
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _chain(parents: tuple[int, ...], q: Lanes, t: Lanes) -> tuple[Lanes, Lanes]:
-    """World rotations and positions from local rotations, of any length, and translations."""
-    return _Levels(parents).descend((q, t), _compose)
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _chain(
+    parents: tuple[int, ...], moved: tuple[int, ...], q: Lanes, moving: Array, still: Lanes
+) -> tuple[Lanes, Lanes]:
+    """World rotations and positions from local rotations, of any length, and translations:
+    ``moving``, lanes of the joints ``moved``, and ``still``, of which the other joints count."""
+
+    def own(joints):
+        return _rows(q, joints), _translations(moved, moving, still, joints)
+
+    return _Levels(parents).descend(own, _compose)
+
+
+def _translations(moved: tuple[int, ...], moving: Array, still: Array, joints) -> Array:
+    """The translations of some joints, read from ``moving`` only for those that are ``moved``."""
+    moves = np.isin(joints, moved)
+    if not moves.any():
+        return _rows(still, joints)
+    place = np.where(moves, np.searchsorted(moved, joints), 0)
+    if moves.all():
+        return _rows(moving, place)
+    return jnp.where(moves[:, None, None], moving[place], still[joints])
 
 
 def _compose(above: tuple[Lanes, Lanes] | None, own: tuple[Lanes, Lanes]) -> tuple[Lanes, Lanes]:
@@ -145,9 +171,10 @@ def _squared_norm(q) -> Array:
 
 
 @_chain.defjvp
-def _chain_jvp(parents, primals, tangents):
-    (q, t), (dq, dt) = primals, tangents
-    world, positions = _chain(parents, q, t)
+def _chain_jvp(parents, moved, primals, tangents):
+    q, (dq, moving, still) = primals[0], tangents
+    dt = still.at[np.array(moved, int)].set(moving, unique_indices=True)
+    world, positions = _chain(parents, moved, *primals)
     above_all = np.maximum(parents, 0)
     root = (np.arange(len(parents)) == 0)[:, None, None]
     identity = jnp.array([1.0, 0.0, 0.0, 0.0], q.dtype)[:, None]
@@ -199,7 +226,7 @@ def _sum_over_ancestors(parents: tuple[int, ...], x: Lanes) -> Lanes:
         lambda y: y - jnp.where(root, 0, y[np.maximum(parents, 0)]),
         x,
         solve=lambda _, x: tree.descend(
-            x, lambda above, own: own if above is None else above + own
+            partial(_rows, x), lambda above, own: own if above is None else above + own
         ),
         transpose_solve=lambda _, x: tree.ascend(x),
     )

@@ -24,8 +24,8 @@ class Motion(eqx.Module):
     - ``translations``: f[T, J, 3], local, file unit.
     - ``rotations``: f[T, J, 4], local unit quaternions (w, x, y, z).
     - ``frame_time``: f[], seconds.
-    - ``translated_joints``: joints whose translations may vary in time; static. Algorithms skip the
-      others, whose translations stay at their offsets.
+    - ``translated_joints``: joints whose translations may vary in time; static. The others stay at
+      their offsets: algorithms read their first frame and skip the rest.
     - ``frame_time_text``: how the file spelt the frame time, kept for the round trip; static.
 
     **Raises:** ``ValueError`` when shapes do not fit the skeleton.

@@ -106,6 +106,40 @@ def test_translations_replace_offsets_at_inner_joints():
     np.testing.assert_allclose(bones, np.broadcast_to(lengths, bones.shape), 1e-13)
 
 
+@pytest.mark.parametrize("moved", [(), (0,), (3, 1), (0, 1, 2), (2, 4), (4, 0, 3, 1, 2)])
+def test_a_joint_that_is_not_translated_has_its_first_frame_s_translation(moved):
+    """A star under a chain: levels with none, some and all of their joints translated."""
+    rng = np.random.default_rng(25)
+    bones = rng.standard_normal((6, 3))
+    skeleton = Skeleton(
+        list("abcde"), (-1, 0, 1, 1, 1), bones[:5], end_joints=(3,), end_offsets=bones[5:]
+    )
+    given = random_motion(rng, 3, skeleton, batch=(2,))
+    motion = Motion(
+        skeleton, given.translations, given.rotations, given.frame_time, translated_joints=moved
+    )
+    moves = np.isin(np.arange(5), moved)[:, None]
+
+    def ours(translations, rotations):
+        pose = forward_kinematics(motion.with_transforms(translations, rotations))
+        return pose.positions, pose.rotations, pose.end_positions
+
+    def naive(translations, rotations):
+        still = jnp.where(moves, translations, translations[:1])
+        return _naive(still, rotations, jnp.asarray(skeleton.end_offsets), motion)
+
+    naive = jax.vmap(naive)
+    where = motion.translations, motion.rotations
+    tangents = jax.tree.map(lambda x: jnp.asarray(rng.standard_normal(x.shape)), where)
+    value, pull = jax.vjp(ours, *where)
+    expected, pull_of_naive = jax.vjp(naive, *where)
+    assert_trees_close(value, expected, 1e-13, 1e-13)
+    cotangents = jax.tree.map(lambda x: jnp.asarray(rng.standard_normal(x.shape)), expected)
+    assert_trees_close(pull(cotangents), pull_of_naive(cotangents), 1e-12, 1e-12)
+    pushed, expected = (jax.jvp(f, where, tangents)[1] for f in (ours, naive))
+    assert_trees_close(pushed, expected, 1e-12, 1e-12)
+
+
 def test_rotations_are_normalised_inside():
     motion = random_motion(np.random.default_rng(6), 3, 5)
     pose = forward_kinematics(motion)
