@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from jaxmotion.multiresolution.kernels import Rotations
 from jaxmotion.multiresolution.levels import (
     Level,
     continued,
@@ -40,7 +41,7 @@ def descend(
 ) -> tuple[Level, list[Any]]:
     """Halve ``levels`` times. ``describe(poses, expanded)`` is what is kept of each level (lazy:
     of its odd frames), fine to coarse."""
-    sizes = level_sizes(len(fine.rotations[0]), levels)
+    sizes = level_sizes(len(fine.rotations.turn[0]), levels)
     kept = []
 
     def halved(fine: Level):
@@ -48,7 +49,7 @@ def descend(
         spacing = None if fine.spacing is None else continued(fine.spacing, fine.count)
         expanded = odd_frames(coarse, spacing)
         poses = fine.translations, fine.rotations
-        rows = len(fine.rotations[0])
+        rows = len(fine.rotations.turn[0])
         if lazy:
             return coarse, describe(jax.tree.map(lambda x: x[1::2], poses), expanded)
         whole = merged((coarse.translations, coarse.rotations), expanded)
@@ -59,7 +60,7 @@ def descend(
         fine, description = halved(fine)
         kept.append(description)
     if unrolled < levels:
-        rows = len(fine.rotations[0])
+        rows = len(fine.rotations.turn[0])
 
         def again(level: Level, _):
             coarse, description = halved(level)
@@ -83,7 +84,7 @@ def _unrolled(sizes: list[int]) -> int:
 
 def _padded_level(level: Level, rows: int) -> Level:
     """The level with ``rows`` frames, the last repeated or dropped."""
-    more = rows - len(level.rotations[0])
+    more = rows - len(level.rotations.turn[0])
 
     def fitted(part):
         return jax.tree.map(lambda x: _fitted(x, len(x) + more), part)
@@ -174,4 +175,6 @@ def first_rows(poses: Poses, rows: int) -> Poses:
 
 def merged(even: Poses, odd: Poses) -> Poses:
     """Even and odd frames in turn."""
-    return interleaved(even[0], odd[0]), interleaved(even[1], odd[1])
+    (p, r), (new_p, new_r) = even, odd
+    q, turn = interleaved(r.q, new_r.q), interleaved(r.turn, new_r.turn)
+    return interleaved(p, new_p), Rotations(q, turn)

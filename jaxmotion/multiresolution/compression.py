@@ -28,6 +28,7 @@ from jaxmotion.multiresolution.levels import level_of
 from jaxmotion.multiresolution.poses import (
     Poses,
     Times,
+    Vectors,
     check_single,
     checked_times,
     minus,
@@ -163,7 +164,7 @@ def _quantise(
         frame_time_text=motion.frame_time_text,
     )
 
-    def coded(expanded: Poses, odd: Poses) -> tuple[Poses, Poses]:
+    def coded(expanded: Poses, odd: Poses) -> tuple[Poses, Vectors]:
         u, v = minus(odd, expanded, moving)
         codes = (
             tuple(jnp.round(x / shift_step) for x in u),

@@ -23,7 +23,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
 from jaxmotion.motion import Motion
-from jaxmotion.multiresolution.kernels import steps, turned, unit, wrapped
+from jaxmotion.multiresolution.kernels import quaternions_of, rotations_of, steps, turned, wrapped
 from jaxmotion.multiresolution.masks import mirror
 from jaxmotion.multiresolution.poses import aligned, check_single, parts_of, together
 
@@ -65,11 +65,11 @@ def filter_motion(motion: Motion, mask: ArrayLike) -> Motion:
 
 @eqx.filter_jit
 def _orientation_filter(q: Array, weights: Array) -> Array:
-    parts = unit(parts_of(q))
+    rotations = rotations_of(parts_of(q))
     if len(q) < 2:
-        return together(parts)
-    change = wrapped(tuple(_weighted(x, weights) for x in steps(parts)))
-    return together(aligned(turned(parts, change)))
+        return together(quaternions_of(rotations))
+    change = wrapped(tuple(_weighted(x, weights) for x in steps(rotations)))
+    return together(quaternions_of(aligned(turned(rotations, change))))
 
 
 @eqx.filter_jit

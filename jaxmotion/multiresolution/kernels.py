@@ -1,31 +1,33 @@
 """Rotations by components: what every level of a pyramid computes most.
 
-    step(a, b)   = log(a⁻¹b) = ω     dω = M(ω) δ_b − M(ω)ᵀ δ_a
-    turned(q, v) = q·exp(v) = q′     δ′ = exp(v)⁻¹ δ_q exp(v) + Jr(v) dv
-    slerp_½(a, b) = m                δ_m = ½(δ_a + δ_b) + ½ tan(θ/4)n × (δ_b − δ_a),  ω = θn
+    step(a, b)    = log(a⁻¹b) = ω        dω = M(ω) δ_b − M(ω)ᵀ δ_a
+    turned(q, v)  = q·exp(v) = q′        δ′ = exp(v)⁻¹ δ_q exp(v) + Jr(v) dv
+    halfway(q, v) = slerp_½(a, b)·exp(v) δ_m = ½(δ_a + δ_b) + ½ tan(θ/4)n × (δ_b − δ_a),  ω = θn
 
     δ = 2 vec(q̄ dq), the turn of q in its own frame; c = cos(θ/2), s = sin(θ/2)/θ, θ = ‖v‖ ≤ 2π
     Jr(v) = I − 2s²[v]× + k[v]×²,   k = (1 − 2sc)/θ²
     M(ω)  = I + ½[ω]× + k[ω]×²,     k = (1 − (θ/2)cot(θ/2))/θ²,  θ = ‖ω‖
 
+Derivatives go by turns, three numbers and not four: :class:`Rotations` holds quaternions that no
+derivative passes through beside turns that are zero and carry it, from :func:`rotations_of` to
+:func:`quaternions_of`. The formulas above (Chirikjian 2012, §10.7) hold wherever q is, so
+derivatives of derivatives are right as well; both modes, because differentiating log and exp costs
+several times as much.
+
 Quaternions are tuples (w, x, y, z) and vectors tuples (x, y, z) of arrays f[T, J]: nothing is
 stacked between an operation and the next. Full-angle rotation vectors; ω goes the short way round,
-so the sign of a quaternion does not matter. Derivatives (Chirikjian 2012, §10.7) are written out,
-both modes, because differentiating log and exp costs several times as much.
+so the sign of a quaternion does not matter.
 
 No branch, no division by an angle and no library function stands in either: with t = tan(θ/8),
 from u = vec(a⁻¹b) and w = |cos(θ/2)| by two half-angle steps, ω = ±2(1 − t²)(1 + tan²(θ/4))·
 (atan t/t)·u, and c, s follow from the series of sin and cos at θ/4. Both are smooth in θ².
 
-Sharp bits: quaternions must be unit, v no longer than 2π (:func:`wrapped`). XLA fuses elementwise
-chains without limit on a CPU, and computes what several consumers share once for each, which makes
-a gradient explode in time and code; it does not fuse across a branch, so all operations and their
-derivatives are branches of a condition that always holds (:func:`fenced`). Derivatives have
-transposes of their own (:func:`linear`), fed by arguments and results and nothing else.
+Sharp bits: quaternions must be unit, v no longer than 2π (:func:`wrapped`). Everything is fenced
+(:mod:`~jaxmotion.multiresolution.linear`): shared terms are computed once.
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -33,9 +35,17 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmotion._numerics import series_switch
+from jaxmotion.multiresolution.linear import driven, fenced, linear
 from jaxmotion.quaternion.algebra import normalized, product, rotated
 
 Parts = tuple[Array, ...]
+
+
+class Rotations(NamedTuple):
+    """Unit quaternions ``q`` without a derivative, and their ``turn`` δ: zero, with one."""
+
+    q: Parts
+    turn: Parts
 
 
 def _arctan_series(terms: int) -> np.ndarray:
@@ -52,43 +62,51 @@ _SINE = np.cumprod([1.0] + [-1.0 / (2 * k * (2 * k + 1)) for k in range(1, 12)])
 _COSINE = np.cumprod([1.0] + [-1.0 / (2 * k * (2 * k - 1)) for k in range(1, 12)])
 
 
-def fenced(f: Callable[..., Any], *args: Any) -> Any:
-    """f(*args), computed once and stored, whoever uses it."""
-    always = jax.lax.optimization_barrier(jnp.asarray(True))
-    shapes = jax.eval_shape(f, *args)
-
-    def never(*_):
-        return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
-
-    return jax.lax.cond(always, f, never, *args)
+def _still(f: Callable[..., Any], *args: Any) -> Any:
+    """f(*args) that no derivative passes through."""
+    return fenced(f, *jax.lax.stop_gradient(args))
 
 
-@jax.custom_jvp
-def unit(q: Parts) -> Parts:
-    """q/‖q‖; the zero quaternion becomes the identity (derivative 0)."""
-    return normalized(q)
+def _nothing(like: Parts) -> Parts:
+    return tuple(jnp.zeros_like(x) for x in like[:3])
 
 
-@unit.defjvp
-def _unit_jvp(primals, tangents):
-    (q,), (dq,) = primals, tangents
-    u, square = unit(q), dot(q, q)
-    inverse = jnp.where(square > 0, jax.lax.rsqrt(jnp.where(square > 0, square, 1)), 0)
-
-    def change(u, inverse, dq):
-        along = dot(u, dq)
-        return tuple(inverse * (d - along * c) for d, c in zip(dq, u, strict=True))
-
-    # The matrix of change is symmetric.
-    return u, linear(
-        change, lambda u, inverse, pull: (change(u, inverse, pull),), (u, inverse), (dq,)
-    )
+def rotations_of(q: Parts) -> Rotations:
+    """q/‖q‖ with its turn; the zero quaternion becomes the identity (derivative 0)."""
+    turn = driven(_own_turn, _own_pull, _nothing(q), q, q)
+    return Rotations(normalized(jax.lax.stop_gradient(q)), turn)
 
 
-@jax.custom_jvp
-def step(a: Parts, b: Parts) -> Parts:
+def _own_turn(q: Parts, dq: Parts) -> Parts:
+    """δ = 2 vec(q̄ dq)/‖q‖²."""
+    return scaled(2 * _inverse_square(q), product(conjugate(q), dq)[1:])
+
+
+def _own_pull(q: Parts, pull: Parts) -> Parts:
+    return scaled(2 * _inverse_square(q), product(q, (jnp.zeros_like(pull[0]), *pull)))
+
+
+def _inverse_square(q: Parts) -> Array:
+    square = dot(q, q)
+    return jnp.where(square > 0, 1 / jnp.where(square > 0, square, 1), 0)
+
+
+def quaternions_of(r: Rotations) -> Parts:
+    """q with its derivative ½ q·(0, δ)."""
+    return driven(_turning, _turning_pull, jax.lax.stop_gradient(r.q), r.turn)
+
+
+def _turning(q: Parts, turn: Parts) -> Parts:
+    return scaled(0.5, product(q, (jnp.zeros_like(turn[0]), *turn)))
+
+
+def _turning_pull(q: Parts, pull: Parts) -> Parts:
+    return scaled(0.5, product(conjugate(q), pull)[1:])
+
+
+def step(a: Rotations, b: Rotations) -> Parts:
     """ω = log(a⁻¹b)."""
-    return fenced(_step, a, b)
+    return driven(_step_of_turns, _turns_of_step, _still(_step, a.q, b.q), (a.turn, b.turn))
 
 
 def _step(a: Parts, b: Parts) -> Parts:
@@ -107,24 +125,9 @@ def _polynomial(coefficients: np.ndarray, x: Array) -> Array:
     return total
 
 
-@step.defjvp
-def _step_jvp(primals, tangents):
-    (a, b), (da, db) = primals, tangents
-    omega = step(a, b)
-    return omega, linear(_step_change, _step_pull, (a, b, omega), (da, db))
-
-
-def _step_change(a: Parts, b: Parts, omega: Parts, da: Parts, db: Parts) -> Parts:
-    return _step_of_turns(omega, own_turn(a, da), own_turn(b, db))
-
-
-def _step_pull(a: Parts, b: Parts, omega: Parts, pull: Parts) -> tuple[Parts, Parts]:
-    by_a, by_b = _turns_of_step(omega, pull)
-    return own_pull(a, by_a), own_pull(b, by_b)
-
-
-def _step_of_turns(omega: Parts, before: Parts, after: Parts) -> Parts:
+def _step_of_turns(omega: Parts, turns: tuple[Parts, Parts]) -> Parts:
     """dω of the two rotations' turns: M(ω) δ_b − M(ω)ᵀ δ_a."""
+    before, after = turns
     difference = tuple(v - u for u, v in zip(before, after, strict=True))
     mean = tuple(0.5 * (u + v) for u, v in zip(before, after, strict=True))
     twice = cross(omega, cross(omega, difference))
@@ -143,70 +146,57 @@ def _turns_of_step(omega: Parts, pull: Parts) -> tuple[Parts, Parts]:
     return by_before, by_after
 
 
-@jax.custom_jvp
-def steps(q: Parts) -> Parts:
+def steps(r: Rotations) -> Parts:
     """ω = log(q_i⁻¹q_{i+1}), f[T − 1, J]; neighbours are only taken apart inside the fence."""
-    return fenced(lambda q: _step(*neighbours(q)), q)
+    omega = _still(lambda q: _step(*neighbours(q)), r.q)
+    return driven(_steps_change, _steps_pull, omega, r.turn)
 
 
-@steps.defjvp
-def _steps_jvp(primals, tangents):
-    (q,), (dq,) = primals, tangents
-    omega = steps(q)
-
-    def change(q, omega, dq):
-        return _step_of_turns(omega, *neighbours(own_turn(q, dq)))
-
-    def pull(q, omega, pull):
-        turns = fenced(_turns_of_step, omega, pull)
-        return (own_pull(q, joined_neighbours(*turns)),)
-
-    return omega, linear(change, pull, (q, omega), (dq,))
+def _steps_change(omega: Parts, turn: Parts) -> Parts:
+    return _step_of_turns(omega, neighbours(turn))
 
 
-@jax.custom_jvp
-def halfway(q: Parts, v: Parts) -> Parts:
-    """slerp_½(q_i, q_{i+1})·exp(v_i), the short way round: f[T − 1, J]."""
-
-    def value(q, v):
-        a, b = neighbours(q)
-        cosine = dot(a, b)
-        scale = jax.lax.rsqrt(2 + 2 * jnp.abs(cosine))
-        other = jnp.where(cosine < 0, -scale, scale)
-        return _turned(tuple(x * scale + y * other for x, y in zip(a, b, strict=True)), v)
-
-    return fenced(value, q, v)
+def _steps_pull(omega: Parts, pull: Parts) -> Parts:
+    return joined_neighbours(*fenced(_turns_of_step, omega, pull))
 
 
-@halfway.defjvp
-def _halfway_jvp(primals, tangents):
-    (q, v), (dq, dv) = primals, tangents
-    result = halfway(q, v)
+def halfway(r: Rotations, omega: Parts, v: Parts) -> Rotations:
+    """slerp_½(q_i, q_{i+1})·exp(v_i), the short way round: f[T − 1, J]; ``omega`` the steps."""
+    turn = driven(_halfway_change, _halfway_pull, _nothing(v), (r.turn, v), (omega, v))
+    return Rotations(_still(_halfway, r.q, v), turn)
 
-    def change(q, v, result, dq, dv):
-        before, after = neighbours(own_turn(q, dq))
-        difference = tuple(y - x for x, y in zip(before, after, strict=True))
-        middle = added(added(before, after), cross(_quarter_tangent(q), difference))
-        return turning(result, _turn_of_turned(v, scaled(0.5, middle), dv))
 
-    def pull(q, v, result, pull):
-        before, after, by_v = fenced(turns, q, v, result, pull)
-        return own_pull(q, joined_neighbours(before, after)), by_v
+def _halfway(q: Parts, v: Parts) -> Parts:
+    a, b = neighbours(q)
+    cosine = dot(a, b)
+    scale = jax.lax.rsqrt(2 + 2 * jnp.abs(cosine))
+    other = jnp.where(cosine < 0, -scale, scale)
+    return _turned(tuple(x * scale + y * other for x, y in zip(a, b, strict=True)), v)
 
-    def turns(q, v, result, pull):
-        by_middle, by_v = _turns_of_turned(v, turning_pull(result, pull))
+
+def _halfway_change(at: tuple[Parts, Parts], by: tuple[Parts, Parts]) -> Parts:
+    (omega, v), (turn, dv) = at, by
+    before, after = neighbours(turn)
+    difference = tuple(y - x for x, y in zip(before, after, strict=True))
+    middle = added(added(before, after), cross(_quarter_tangent(omega), difference))
+    return _turn_of_turned(v, (scaled(0.5, middle), dv))
+
+
+def _halfway_pull(at: tuple[Parts, Parts], pull: Parts) -> tuple[Parts, Parts]:
+    def turns(omega: Parts, v: Parts, pull: Parts) -> tuple[Parts, Parts, Parts]:
+        by_middle, by_v = _turns_of_turned(v, pull)
         half = scaled(0.5, by_middle)
-        bent = cross(_quarter_tangent(q), half)
+        bent = cross(_quarter_tangent(omega), half)
         return added(half, bent), tuple(x - y for x, y in zip(half, bent, strict=True)), by_v
 
-    return result, linear(change, pull, (q, v, result), (dq, dv))
+    before, after, by_v = fenced(turns, *at, pull)
+    return joined_neighbours(before, after), by_v
 
 
-def _quarter_tangent(q: Parts) -> Parts:
+def _quarter_tangent(omega: Parts) -> Parts:
     """tan(θ/4) about the axis of each step."""
-    before, after = neighbours(q)
-    w, *x = product(conjugate(before), after)
-    return scaled(jnp.where(w < 0, -1.0, 1.0).astype(w.dtype) / (1 + jnp.abs(w)), tuple(x))
+    cosine, sine = _half_angle(dot(omega, omega))
+    return scaled(sine / (1 + cosine), omega)
 
 
 def neighbours(q: Parts) -> tuple[Parts, Parts]:
@@ -228,10 +218,10 @@ def _inverse_jacobian_factor(x: Array) -> Array:
     return jnp.where(far, (1 - cosine / (2 * sine)) / jnp.where(far, x, 1), near)
 
 
-@jax.custom_jvp
-def turned(q: Parts, v: Parts) -> Parts:
+def turned(r: Rotations, v: Parts) -> Rotations:
     """q·exp(v)."""
-    return fenced(_turned, q, v)
+    turn = driven(_turn_of_turned, _turns_of_turned, _nothing(v), (r.turn, v), v)
+    return Rotations(_still(_turned, r.q, v), turn)
 
 
 def _turned(q: Parts, v: Parts) -> Parts:
@@ -272,23 +262,9 @@ def _whole_turns(v: Parts) -> tuple[Array, Array]:
     return 2 * np.pi * turns * jax.lax.rsqrt(square), square
 
 
-@turned.defjvp
-def _turned_jvp(primals, tangents):
-    (q, v), (dq, dv) = primals, tangents
-    result = turned(q, v)
-
-    def change(q, v, result, dq, dv):
-        return turning(result, _turn_of_turned(v, own_turn(q, dq), dv))
-
-    def pull(q, v, result, pull):
-        by_q, by_v = _turns_of_turned(v, turning_pull(result, pull))
-        return own_pull(q, by_q), by_v
-
-    return result, linear(change, pull, (q, v, result), (dq, dv))
-
-
-def _turn_of_turned(v: Parts, turn: Parts, dv: Parts) -> Parts:
+def _turn_of_turned(v: Parts, by: tuple[Parts, Parts]) -> Parts:
     """The turn of q·exp(v) from that of q and dv: exp(v)⁻¹ δ exp(v) + Jr(v) dv."""
+    turn, dv = by
     c, s, k = _right_jacobian(v)
     once = cross(v, dv)
     moved = added(dv, added(scaled(-2 * s * s, once), scaled(k, cross(v, once))))
@@ -312,57 +288,10 @@ def _right_jacobian(v: Parts) -> tuple[Array, Array, Array]:
     return c, s, jnp.where(far, (1 - 2 * s * c) / jnp.where(far, x, 1), near)
 
 
-def linear(change: Callable, pull: Callable, at: tuple, tangents: tuple) -> Any:
-    """change(*at, *tangents), linear in the tangents, whose transpose is pull(*at, cotangents).
-
-    Left to JAX, the transpose is fed by dozens of stored intermediates. It takes one from its
-    user only for a linear solve, so this is one: y − L x = 0, x = t.
-    """
-
-    def system(unknown):
-        y, x = unknown
-        return jax.tree.map(jnp.subtract, y, change(*at, *x)), x
-
-    def solve(_, known):
-        return fenced(change, *at, *known[1]), known[1]
-
-    def solve_transposed(_, known):
-        y, x = known
-        return y, jax.tree.map(jnp.add, x, fenced(pull, *at, y))
-
-    # Zero, but of the tangents as well: all or none of what is known must be.
-    total = jnp.sum(jax.tree.leaves(tangents)[0])
-    zero = jnp.where(False, total, jnp.zeros_like(total))
-    shapes = jax.eval_shape(change, *at, *tangents)
-    nothing = jax.tree.map(lambda x: jnp.broadcast_to(zero, x.shape), shapes)
-    known = (nothing, tangents)
-    return jax.lax.custom_linear_solve(system, known, solve, solve_transposed)[0]
-
-
 def conjugate(q: Parts) -> Parts:
     """q̄."""
     w, x, y, z = q
     return w, -x, -y, -z
-
-
-def own_turn(q: Parts, dq: Parts) -> Parts:
-    """δ = 2 vec(q̄ dq)."""
-    return scaled(2.0, product(conjugate(q), dq)[1:])
-
-
-def own_pull(q: Parts, pull: Parts) -> Parts:
-    """The transpose of :func:`own_turn`."""
-    return scaled(4.0, turning(q, pull))
-
-
-def turning(q: Parts, turn: Parts) -> Parts:
-    """dq = ½ q·(0, δ), the inverse of :func:`own_turn`."""
-    return scaled(0.5, product(q, (jnp.zeros_like(turn[0]), *turn)))
-
-
-def turning_pull(q: Parts, pull: Parts) -> Parts:
-    """The transpose of :func:`turning`."""
-    return scaled(0.25, own_turn(q, pull))
 
 
 def dot(a: Parts, b: Parts) -> Array:

@@ -23,7 +23,7 @@ be traced, so that one compiled level serves clips, and levels, of many lengths;
 them hold anything finite. O(T·J).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -31,17 +31,16 @@ from jaxtyping import Array
 
 from jaxmotion.multiresolution.kernels import (
     Parts,
+    Rotations,
     added,
-    conjugate,
     halfway,
-    neighbours,
     scaled,
+    step,
     steps,
     turned,
 )
 from jaxmotion.multiresolution.masks import divided_difference
 from jaxmotion.multiresolution.rows import Ends, every_second, window_sums
-from jaxmotion.quaternion.algebra import product
 
 
 class Level(NamedTuple):
@@ -50,14 +49,16 @@ class Level(NamedTuple):
     None if even; ``count`` c."""
 
     translations: Parts
-    rotations: Parts
+    rotations: Rotations
     moves: Parts
     turns: Parts
     spacing: Array | None
     count: Array
 
 
-def level_of(translations: Parts, rotations: Parts, spacing: Array | None, count: Array) -> Level:
+def level_of(
+    translations: Parts, rotations: Rotations, spacing: Array | None, count: Array
+) -> Level:
     """Poses with their steps."""
     real = jnp.arange(translations[0].shape[0] - 1)[:, None] < count - 1
     moves = tuple(jnp.where(real, x[1:] - x[:-1], 0) for x in translations)
@@ -65,32 +66,34 @@ def level_of(translations: Parts, rotations: Parts, spacing: Array | None, count
     return Level(translations, rotations, moves, turns, spacing, count)
 
 
-def even_frames(fine: Level) -> tuple[Parts, Parts, Array | None]:
+def even_frames(fine: Level) -> tuple[Parts, Rotations, Array | None]:
     """Every second pose and the spacing between them, f[T//2 + 1, J], continued past an even c."""
-    count, frames = fine.count, len(fine.rotations[0])
+    count, frames = fine.count, len(fine.rotations.turn[0])
     rows = min(frames, 3)
     start = jnp.maximum(count - rows, 0)
     past = mirror_index(count - 1, count - 1) - start
 
-    def ended(even: Parts, end: Parts) -> Parts:
-        return tuple(
-            _with_row(_room(x, frames // 2 + 1), count // 2, row)
-            for x, row in zip(even, end, strict=True)
+    def ended(even: Any, end: Any) -> Any:
+        return jax.tree.map(
+            lambda x, row: _with_row(_room(x, frames // 2 + 1), count // 2, row), even, end
         )
 
-    def at(near: Parts, index: Array) -> Parts:
-        return tuple(x[jnp.minimum(index, rows - 1)][None] for x in near)
+    def at(near: Any, index: Array) -> Any:
+        return jax.tree.map(lambda x: x[jnp.minimum(index, rows - 1)][None], near)
 
     even_p, near_p = every_second(fine.translations, start, rows)
-    even_q, near_q = every_second(fine.rotations, start, rows)
+    (even_q, near_q), (even_turn, near_turn) = (
+        every_second(x, start, rows) for x in fine.rotations
+    )
+    near_r = Rotations(near_q, near_turn)
     last = count - 1 - start
-    p, q = at(near_p, last), at(near_q, last)
+    p, r = at(near_p, last), at(near_r, last)
     move = tuple(y - x for x, y in zip(at(near_p, past), at(near_p, past + 1), strict=True))
-    turn = product(conjugate(at(near_q, past)), at(near_q, past + 1))
-    odd, beyond = count % 2 == 1, (added(p, move), product(q, turn))
-    end_p, end_q = jax.tree.map(lambda a, b: jnp.where(odd, a, b), (p, q), beyond)
+    turn = step(at(near_r, past), at(near_r, past + 1))
+    odd, beyond = count % 2 == 1, (added(p, move), turned(r, turn))
+    end_p, end_r = jax.tree.map(lambda a, b: jnp.where(odd, a, b), (p, r), beyond)
     spacing = None if fine.spacing is None else coarser_spacing(fine.spacing, count)
-    return ended(even_p, end_p), ended(even_q, end_q), spacing
+    return ended(even_p, end_p), ended(Rotations(even_q, even_turn), end_r), spacing
 
 
 def coarser_spacing(spacing: Array, count: Array) -> Array:
@@ -107,16 +110,16 @@ def continued(spacing: Array, count: Array) -> Array:
 
 def reduced(fine: Level, *, smooth: bool = True) -> Level:
     """R, or without ``smooth`` only its even frames: T to T//2 + 1 frames."""
-    p, q, spacing = even_frames(fine)
+    p, rotations, spacing = even_frames(fine)
     if smooth:
         weights = _reduction_weights(fine.spacing, fine.count, len(p[0]))
-        ends = _mirrored_ends(len(fine.rotations[0]) - 1, fine.count, p[0].dtype)
+        ends = _mirrored_ends(len(fine.moves[0]), fine.count, p[0].dtype)
         p = added(p, window_sums(fine.moves, weights, ends, 2))
-        q = turned(q, window_sums(fine.turns, weights, ends, 2))
-    return level_of(p, q, spacing, fine.count // 2 + 1)
+        rotations = turned(rotations, window_sums(fine.turns, weights, ends, 2))
+    return level_of(p, rotations, spacing, fine.count // 2 + 1)
 
 
-def odd_frames(coarse: Level, fine_spacing: Array | None) -> tuple[Parts, Parts]:
+def odd_frames(coarse: Level, fine_spacing: Array | None) -> tuple[Parts, Rotations]:
     """E's new poses, one between each two: f[K − 1, J] of a level of K frames; ``fine_spacing``
     f[2(K − 1)] of the frames that come out, :func:`continued`, if uneven."""
     p, count = tuple(x[:-1] for x in coarse.translations), coarse.count
@@ -129,8 +132,9 @@ def odd_frames(coarse: Level, fine_spacing: Array | None) -> tuple[Parts, Parts]
     p = added(p, window_sums(coarse.moves, weights, ends))
     change = window_sums(coarse.turns, weights, ends)
     if fine_spacing is None:
-        return p, halfway(coarse.rotations, change)
-    middle = turned(neighbours(coarse.rotations)[0], scaled(tau, coarse.turns))
+        return p, halfway(coarse.rotations, coarse.turns, change)
+    before = jax.tree.map(lambda x: x[:-1], coarse.rotations)
+    middle = turned(before, scaled(tau, coarse.turns))
     return p, turned(middle, change)
 
 

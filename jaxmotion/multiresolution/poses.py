@@ -3,6 +3,7 @@
 from typing import TypeAlias
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
@@ -13,20 +14,23 @@ from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.kernels import (
     Parts,
+    Rotations,
     added,
     conjugate,
+    quaternions_of,
+    rotations_of,
     scaled,
     step,
     turned,
-    unit,
 )
 from jaxmotion.quaternion.algebra import rotated, running_signs
 
 Times: TypeAlias = Float[AnyArray, " time"]
-Poses: TypeAlias = tuple[Parts, Parts]
+Poses: TypeAlias = tuple[Parts, Rotations]
+Vectors: TypeAlias = tuple[Parts, Parts]
 
 
-def minus(poses: Poses, reference: Poses, moving: tuple[int, ...]) -> Poses:
+def minus(poses: Poses, reference: Poses, moving: tuple[int, ...]) -> Vectors:
     """poses ⊖ reference in the body sense (Lee & Shin, Eq. 3); ``moving``: the joints that the
     translations are of."""
     (p, q), (e, r) = poses, reference
@@ -34,15 +38,17 @@ def minus(poses: Poses, reference: Poses, moving: tuple[int, ...]) -> Poses:
     return rotated(conjugate(_of(r, moving)), shift), scaled(0.5, step(r, q))
 
 
-def plus(poses: Poses, displacement: Poses, moving: tuple[int, ...]) -> Poses:
+def plus(poses: Poses, displacement: Vectors, moving: tuple[int, ...]) -> Poses:
     """poses ⊕ displacement in the body sense (Lee & Shin, Eq. 2)."""
     (p, q), (u, v) = poses, displacement
     return added(p, rotated(_of(q, moving), u)), turned(q, scaled(2.0, v))
 
 
-def _of(q: Parts, joints: tuple[int, ...]) -> Parts:
-    everyone = joints == tuple(range(q[0].shape[1]))
-    return q if everyone else tuple(x[:, np.asarray(joints, int)] for x in q)
+def _of(rotations: Rotations, joints: tuple[int, ...]) -> Parts:
+    """The quaternions of some joints."""
+    everyone = joints == tuple(range(rotations.q[0].shape[1]))
+    some = slice(None) if everyone else np.asarray(joints, int)
+    return quaternions_of(jax.tree.map(lambda x: x[:, some], rotations))
 
 
 def spacing_of(times: Array | None, count: Array) -> Array | None:
@@ -56,28 +62,29 @@ def poses_of(motion: Motion) -> Poses:
     """A motion's transforms by component, translations of its translated joints only."""
     moving = np.asarray(motion.translated_joints, int)
     p = jnp.asarray(motion.translations)[:, moving]
-    return parts_of(p), unit(parts_of(motion.rotations))
+    return parts_of(p), rotations_of(parts_of(motion.rotations))
 
 
 def motion_of(poses: Poses, like: Motion, rate: float, text: str | None = None) -> Motion:
     """A motion from transforms by component, its frame time that of ``like`` times ``rate``; joints
     that are not translated stay where they are in ``like``."""
-    p, q = poses
-    frames = len(q[0])
+    p, rotations = poses
+    frames = len(rotations.turn[0])
     still = jnp.asarray(like.translations)[:1]
     return Motion(
         like.skeleton,
         spread(p, like.translated_joints, jnp.broadcast_to(still, (frames, *still.shape[1:]))),
-        together(aligned(q)),
+        together(quaternions_of(aligned(rotations))),
         jnp.asarray(rate, like.dtype) * like.frame_time,
         translated_joints=like.translated_joints,
         frame_time_text=text,
     )
 
 
-def aligned(q: Parts) -> Parts:
+def aligned(rotations: Rotations) -> Rotations:
     """The same rotations, neighbours in time in one hemisphere."""
-    return scaled(running_signs(q), q)
+    q = jax.lax.stop_gradient(rotations.q)
+    return Rotations(scaled(running_signs(q), q), rotations.turn)
 
 
 def spread(
@@ -88,13 +95,13 @@ def spread(
     return some if some.shape == rest.shape else rest.at[:, np.asarray(joints, int)].set(some)
 
 
-def displacement_of(parts: Poses, moving: tuple[int, ...]) -> Displacement:
+def displacement_of(parts: Vectors, moving: tuple[int, ...]) -> Displacement:
     """A displacement from vectors by component; joints that are not moving get zero."""
     v = together(parts[1])
     return Displacement(spread(parts[0], moving, jnp.zeros_like(v)), v, "body")
 
 
-def parts_of_displacement(displacement: Displacement, moving: tuple[int, ...]) -> Poses:
+def parts_of_displacement(displacement: Displacement, moving: tuple[int, ...]) -> Vectors:
     """The inverse of :func:`displacement_of`."""
     u = displacement.translations[:, np.asarray(moving, int)]
     return parts_of(u), parts_of(displacement.rotations)

@@ -16,7 +16,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxmotion.multiresolution.kernels import Parts, linear
+from jaxmotion.multiresolution.kernels import Parts
+from jaxmotion.multiresolution.linear import linear
 
 _slice = partial(jax.lax.dynamic_slice_in_dim, axis=0)
 _update = partial(jax.lax.dynamic_update_slice_in_dim, axis=0)

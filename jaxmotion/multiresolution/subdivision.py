@@ -6,11 +6,11 @@ the motion and the times. One clip; vmap for several.
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxmotion.motion import Motion
+from jaxmotion.multiresolution.cascade import first_rows, merged
 from jaxmotion.multiresolution.levels import (
     coarser_spacing,
     continued,
@@ -26,7 +26,6 @@ from jaxmotion.multiresolution.poses import (
     poses_of,
     spacing_of,
 )
-from jaxmotion.multiresolution.rows import interleaved
 
 
 def reduce(motion: Motion, *, times: Times | None = None) -> Motion:
@@ -110,8 +109,7 @@ def _expand(motion: Motion, frames: int, times: Array | None) -> Motion:
         assert h is not None
         spacing, fine = coarser_spacing(h, finer), continued(h, finer)
     odd = odd_frames(level_of(*poses, spacing, count), fine)
-    whole = tuple(interleaved(even, new) for even, new in zip(poses, odd, strict=True))
-    return motion_of(jax.tree.map(lambda x: x[:frames], whole), motion, 0.5)
+    return motion_of(first_rows(merged(poses, odd), frames), motion, 0.5)
 
 
 def _octaves(caller: str, octaves: int) -> int:

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from jaxmotion import quaternion
-from jaxmotion.multiresolution.kernels import halfway, step, steps, turned, unit, wrapped
+from jaxmotion.multiresolution.kernels import (
+    halfway,
+    quaternions_of,
+    rotations_of,
+    step,
+    steps,
+    turned,
+    wrapped,
+)
 from jaxmotion.multiresolution.poses import parts_of, together
 from tests.helpers import (
     assert_finite_derivatives,
@@ -16,19 +24,24 @@ from tests.helpers import (
 )
 
 
+def _rotations(q):
+    return rotations_of(parts_of(q))
+
+
 @jax.jit
 def _step(a, b):
-    return together(step(parts_of(a), parts_of(b)))
+    return together(step(_rotations(a), _rotations(b)))
 
 
 @jax.jit
 def _turned(q, v):
-    return together(turned(parts_of(q), wrapped(parts_of(v))))
+    return together(quaternions_of(turned(_rotations(q), wrapped(parts_of(v)))))
 
 
 @jax.jit
 def _halfway(q, v):
-    return together(halfway(parts_of(q), parts_of(v)))
+    rotations = _rotations(q)
+    return together(quaternions_of(halfway(rotations, steps(rotations), parts_of(v))))
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e-3, 1.0, 3.14159])
@@ -93,7 +106,7 @@ def test_derivatives_along_time():
     v = 0.7 * random_vectors(rng, (4, 2))
     normalize = quaternion.normalize
     check_gradients(lambda q, v: _halfway(normalize(q), v), q, v)
-    check_gradients(lambda q: together(steps(parts_of(normalize(q)))), q)
+    check_gradients(lambda q: together(steps(_rotations(normalize(q)))), q)
 
 
 def test_wrapping_passes_the_derivative_of_the_same_rotation():
@@ -111,9 +124,38 @@ def test_unit_is_normalize_and_so_are_its_derivatives():
         return lambda q: jnp.sum(weights * normalized(q) ** 3)
 
     def by_parts(q):
-        return together(unit(parts_of(q)))
+        return together(quaternions_of(_rotations(q)))
 
     np.testing.assert_allclose(by_parts(q), quaternion.normalize(q), atol=1e-15)
     want = jax.grad(loss(quaternion.normalize))(q)
     np.testing.assert_allclose(jax.grad(loss(by_parts))(q), want, atol=1e-14)
     check_gradients(by_parts, np.delete(q, 2, axis=0))
+
+
+def test_second_derivatives_also_through_loops():
+    rng = np.random.default_rng(8)
+    q, v = random_quaternions(rng, (5, 2)), 0.4 * random_vectors(rng, (5, 2))
+    other = random_quaternions(rng, (5, 2))
+    weights = jnp.asarray(rng.standard_normal((5, 2, 4)))
+
+    def loss(size):
+        def body(rotations, _):
+            ends = jax.tree.map(lambda x: x[-1:], rotations)
+            middle = halfway(rotations, steps(rotations), parts_of(size * v[:4]))
+            longer = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), middle, ends)
+            change = step(longer, _rotations(other))
+            change = wrapped(tuple(8 * size * x for x in change))
+            return turned(longer, change), None
+
+        last, _ = jax.lax.scan(body, _rotations(3 * size * q), None, 2)
+        return jnp.sum(weights * together(quaternions_of(last)))
+
+    first = jax.jit(jax.grad(loss))
+    want = (first(1.0 + 1e-5) - first(1.0 - 1e-5)) / 2e-5
+    for second in (
+        jax.hessian(loss),
+        jax.jacfwd(jax.jacfwd(loss)),
+        jax.grad(jax.grad(loss)),
+        jax.grad(lambda size: jax.jvp(loss, (size,), (1.0,))[1]),
+    ):
+        np.testing.assert_allclose(jax.jit(second)(1.0), want, rtol=1e-6)

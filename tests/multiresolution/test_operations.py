@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -167,3 +168,20 @@ def test_euler_angles_do_not_reproduce_them(tumbling, order):
         assert max(worst) < 1e-12
     else:
         assert 0.5 < max(worst) <= np.pi
+
+
+def test_second_derivatives_by_a_gain():
+    """Deep enough that the coarse levels run in a loop."""
+    clip = swaying(40, seed=5, moving=True)
+    pyramid = build_pyramid(clip, 3)
+    weights = np.random.default_rng(6).standard_normal((2, *clip.rotations.shape))
+
+    def loss(gain):
+        edit = scale_details(pyramid, gain)
+        by_translations = jnp.sum(weights[1, ..., :3] * edit.translations**2)
+        return jnp.sum(weights[0] * edit.rotations) + by_translations
+
+    first = jax.jit(jax.grad(loss))
+    want = (first(1.1 + 1e-5) - first(1.1 - 1e-5)) / 2e-5
+    for second in (jax.hessian(loss), jax.jacfwd(jax.jacfwd(loss)), jax.grad(jax.grad(loss))):
+        np.testing.assert_allclose(jax.jit(second)(1.1), want, rtol=1e-6)
