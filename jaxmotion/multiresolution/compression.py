@@ -24,6 +24,7 @@ from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.cascade import ascend, descend, level_sizes
+from jaxmotion.multiresolution.kernels import together
 from jaxmotion.multiresolution.levels import level_of
 from jaxmotion.multiresolution.poses import (
     Poses,
@@ -36,7 +37,6 @@ from jaxmotion.multiresolution.poses import (
     plus,
     poses_of,
     spacing_of,
-    together,
 )
 from jaxmotion.multiresolution.pyramid import Pyramid, chains, level_count
 

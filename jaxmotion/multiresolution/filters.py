@@ -23,9 +23,16 @@ from jaxtyping import Array, Float
 
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
 from jaxmotion.motion import Motion
-from jaxmotion.multiresolution.kernels import quaternions_of, rotations_of, steps, turned, wrapped
+from jaxmotion.multiresolution.kernels import (
+    quaternions_of,
+    rotations_of,
+    steps,
+    together,
+    turned,
+    wrapped,
+)
 from jaxmotion.multiresolution.masks import mirror
-from jaxmotion.multiresolution.poses import aligned, check_single, parts_of, together
+from jaxmotion.multiresolution.poses import aligned, check_single
 
 
 def orientation_filter(q: Quaternion, mask: ArrayLike) -> Quaternion:
@@ -65,7 +72,7 @@ def filter_motion(motion: Motion, mask: ArrayLike) -> Motion:
 
 @eqx.filter_jit
 def _orientation_filter(q: Array, weights: Array) -> Array:
-    rotations = rotations_of(parts_of(q))
+    rotations = rotations_of(q)
     if len(q) < 2:
         return together(quaternions_of(rotations))
     change = wrapped(tuple(_weighted(x, weights) for x in steps(rotations)))

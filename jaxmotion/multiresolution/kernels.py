@@ -32,9 +32,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from jaxmotion._numerics import series_switch
+from jaxmotion._types import AnyArray
 from jaxmotion.multiresolution.linear import driven, fenced, linear
 from jaxmotion.quaternion.algebra import normalized, product, rotated
 
@@ -71,19 +72,33 @@ def _nothing(like: Parts) -> Parts:
     return tuple(jnp.zeros_like(x) for x in like[:3])
 
 
-def rotations_of(q: Parts) -> Rotations:
+def parts_of(x: Float[AnyArray, "*rest n"]) -> Parts:
+    """f[..., n] to n times f[...]; XLA sees that :func:`together` undoes it."""
+    return tuple(jnp.unstack(jnp.moveaxis(jnp.asarray(x), -1, 0)))
+
+
+def together(parts: Parts) -> Float[Array, "*rest n"]:
+    """The inverse of :func:`parts_of`."""
+    return jnp.moveaxis(jnp.stack(parts), 0, -1)
+
+
+def rotations_of(q: Float[AnyArray, "*rest 4"]) -> Rotations:
     """q/‖q‖ with its turn; the zero quaternion becomes the identity (derivative 0)."""
-    turn = driven(_own_turn, _own_pull, _nothing(q), q, q)
-    return Rotations(normalized(jax.lax.stop_gradient(q)), turn)
+    q = jnp.asarray(q)
+    unit = normalized(parts_of(jax.lax.stop_gradient(q)))
+    return Rotations(unit, driven(_own_turn, _own_pull, _nothing(unit), q, (q,)))
 
 
-def _own_turn(q: Parts, dq: Parts) -> Parts:
+def _own_turn(q: Array, dq: Array) -> Parts:
     """δ = 2 vec(q̄ dq)/‖q‖²."""
-    return scaled(2 * _inverse_square(q), product(conjugate(q), dq)[1:])
+    parts = parts_of(q)
+    return scaled(2 * _inverse_square(parts), product(conjugate(parts), parts_of(dq))[1:])
 
 
-def _own_pull(q: Parts, pull: Parts) -> Parts:
-    return scaled(2 * _inverse_square(q), product(q, (jnp.zeros_like(pull[0]), *pull)))
+def _own_pull(q: Array, pull: Parts) -> Array:
+    parts = parts_of(q)
+    turn = jnp.zeros_like(pull[0]), *scaled(2 * _inverse_square(parts), pull)
+    return together(product(parts, turn))
 
 
 def _inverse_square(q: Parts) -> Array:
@@ -93,7 +108,7 @@ def _inverse_square(q: Parts) -> Array:
 
 def quaternions_of(r: Rotations) -> Parts:
     """q with its derivative ½ q·(0, δ)."""
-    return driven(_turning, _turning_pull, jax.lax.stop_gradient(r.q), r.turn)
+    return driven(_turning, _turning_pull, jax.lax.stop_gradient(r.q), r.turn, own=True)
 
 
 def _turning(q: Parts, turn: Parts) -> Parts:
@@ -106,7 +121,9 @@ def _turning_pull(q: Parts, pull: Parts) -> Parts:
 
 def step(a: Rotations, b: Rotations) -> Parts:
     """ω = log(a⁻¹b)."""
-    return driven(_step_of_turns, _turns_of_step, _still(_step, a.q, b.q), (a.turn, b.turn))
+    return driven(
+        _step_of_turns, _turns_of_step, _still(_step, a.q, b.q), (a.turn, b.turn), own=True
+    )
 
 
 def _step(a: Parts, b: Parts) -> Parts:
@@ -146,18 +163,34 @@ def _turns_of_step(omega: Parts, pull: Parts) -> tuple[Parts, Parts]:
     return by_before, by_after
 
 
-def steps(r: Rotations) -> Parts:
-    """ω = log(q_i⁻¹q_{i+1}), f[T − 1, J]; neighbours are only taken apart inside the fence."""
-    omega = _still(lambda q: _step(*neighbours(q)), r.q)
-    return driven(_steps_change, _steps_pull, omega, r.turn)
+def steps(r: Rotations, count: Array | None = None) -> Parts:
+    """ω = log(q_i⁻¹q_{i+1}), f[T − 1, J], zero from the last of ``count`` frames on; neighbours are
+    only taken apart inside the fence."""
+
+    def value(q: Parts, count: Array | None) -> Parts:
+        return _among(count, _step(*neighbours(q)))
+
+    omega = _still(value, r.q, count)
+    return driven(_steps_change, _steps_pull, omega, r.turn, (count,), own=True)
 
 
-def _steps_change(omega: Parts, turn: Parts) -> Parts:
-    return _step_of_turns(omega, neighbours(turn))
+def _steps_change(omega: Parts, count: Array | None, turn: Parts) -> Parts:
+    return _among(count, _step_of_turns(omega, neighbours(turn)))
 
 
-def _steps_pull(omega: Parts, pull: Parts) -> Parts:
-    return joined_neighbours(*fenced(_turns_of_step, omega, pull))
+def _steps_pull(omega: Parts, count: Array | None, pull: Parts) -> Parts:
+    turns = fenced(
+        lambda omega, count, y: _turns_of_step(omega, _among(count, y)), omega, count, pull
+    )
+    return joined_neighbours(*turns)
+
+
+def _among(count: Array | None, steps: Parts) -> Parts:
+    """The steps between the frames that count, and zeros."""
+    if count is None:
+        return steps
+    real = jnp.arange(len(steps[0]))[:, None] < count - 1
+    return tuple(jnp.where(real, x, 0) for x in steps)
 
 
 def halfway(r: Rotations, omega: Parts, v: Parts) -> Rotations:
@@ -174,22 +207,22 @@ def _halfway(q: Parts, v: Parts) -> Parts:
     return _turned(tuple(x * scale + y * other for x, y in zip(a, b, strict=True)), v)
 
 
-def _halfway_change(at: tuple[Parts, Parts], by: tuple[Parts, Parts]) -> Parts:
-    (omega, v), (turn, dv) = at, by
+def _halfway_change(omega: Parts, v: Parts, by: tuple[Parts, Parts]) -> Parts:
+    turn, dv = by
     before, after = neighbours(turn)
     difference = tuple(y - x for x, y in zip(before, after, strict=True))
     middle = added(added(before, after), cross(_quarter_tangent(omega), difference))
     return _turn_of_turned(v, (scaled(0.5, middle), dv))
 
 
-def _halfway_pull(at: tuple[Parts, Parts], pull: Parts) -> tuple[Parts, Parts]:
+def _halfway_pull(omega: Parts, v: Parts, pull: Parts) -> tuple[Parts, Parts]:
     def turns(omega: Parts, v: Parts, pull: Parts) -> tuple[Parts, Parts, Parts]:
         by_middle, by_v = _turns_of_turned(v, pull)
         half = scaled(0.5, by_middle)
         bent = cross(_quarter_tangent(omega), half)
         return added(half, bent), tuple(x - y for x, y in zip(half, bent, strict=True)), by_v
 
-    before, after, by_v = fenced(turns, *at, pull)
+    before, after, by_v = fenced(turns, omega, v, pull)
     return joined_neighbours(before, after), by_v
 
 
@@ -220,7 +253,7 @@ def _inverse_jacobian_factor(x: Array) -> Array:
 
 def turned(r: Rotations, v: Parts) -> Rotations:
     """q·exp(v)."""
-    turn = driven(_turn_of_turned, _turns_of_turned, _nothing(v), (r.turn, v), v)
+    turn = driven(_turn_of_turned, _turns_of_turned, _nothing(v), (r.turn, v), (v,))
     return Rotations(_still(_turned, r.q, v), turn)
 
 

@@ -62,8 +62,7 @@ def level_of(
     """Poses with their steps."""
     real = jnp.arange(translations[0].shape[0] - 1)[:, None] < count - 1
     moves = tuple(jnp.where(real, x[1:] - x[:-1], 0) for x in translations)
-    turns = tuple(jnp.where(real, x, 0) for x in steps(rotations))
-    return Level(translations, rotations, moves, turns, spacing, count)
+    return Level(translations, rotations, moves, steps(rotations, count), spacing, count)
 
 
 def even_frames(fine: Level) -> tuple[Parts, Rotations, Array | None]:

@@ -1,7 +1,7 @@
 """Derivatives written out: linear maps with their transposes, values with their derivatives.
 
     linear   change(*at, *x), linear in x; backwards pull(*at, y)
-    driven   a value whose derivative is change(at, d by), whatever it was computed from
+    driven   a value whose derivative is change(*at, d by), whatever it was computed from
 
 Both are primitives. Left to JAX, a transpose is fed by dozens of stored intermediates; and a
 ``custom_jvp`` whose function has another derivative than its rule says is wrong where JAX drops the
@@ -51,12 +51,14 @@ def linear(change: Callable, pull: Callable, at: tuple, x: tuple) -> Any:
     return jax.tree.unflatten(jax.tree.structure(shapes), y)
 
 
-def driven(change: Callable, pull: Callable, value: Any, by: Any, at: Any = None) -> Any:
-    """``value``, whose derivative is change(at, d by) and no other, linear in d by, with
-    pull(at, cotangent) for its transpose; ``at`` is the value itself if None."""
+def driven(
+    change: Callable, pull: Callable, value: Any, by: Any, at: tuple = (), *, own: bool = False
+) -> Any:
+    """``value``, whose derivative is change(*at, d by) and no other, linear in d by, with
+    pull(*at, cotangent) for its transpose; ``own`` puts the value itself first in ``at``."""
     leaves, tree = jax.tree.flatten((value, by, at))
     size = len(jax.tree.leaves(value))
-    kept = _driven.bind(*leaves, tree=tree, size=size, change=change, pull=pull)
+    kept = _driven.bind(*leaves, tree=tree, size=size, own=own, change=change, pull=pull)
     return jax.tree.unflatten(jax.tree.structure(value), kept)
 
 
@@ -119,28 +121,28 @@ def _linear_batch(args, dims, *, given, change, pull):
     return y, [0] * len(y)
 
 
-def _keep(*leaves, tree, size, change, pull):
+def _keep(*leaves, size, **_):
     return list(leaves[:size])
 
 
-def _driven_jvp(primals, tangents, *, tree, size, change, pull):
-    kept = _driven.bind(*primals, tree=tree, size=size, change=change, pull=pull)
+def _driven_jvp(primals, tangents, *, tree, size, own, change, pull):
+    kept = _driven.bind(*primals, tree=tree, size=size, own=own, change=change, pull=pull)
     value, by, at = jax.tree.unflatten(tree, primals)
-    value = jax.tree.unflatten(jax.tree.structure(value), kept)
-    first = len(jax.tree.leaves(value))
-    changes = tangents[first : first + len(jax.tree.leaves(by))]
+    changes = tangents[size : size + len(jax.tree.leaves(by))]
     if all(type(t) is ad.Zero for t in changes):
         return kept, [ad.Zero(jax.typeof(x).to_tangent_aval()) for x in kept]
     d_by = jax.tree.unflatten(jax.tree.structure(by), [ad.instantiate_zeros(t) for t in changes])
-    where = value if at is None else at
-    d_value = linear(change, lambda at, y: (pull(at, y),), (where,), (d_by,))
+    if own:
+        at = (jax.tree.unflatten(jax.tree.structure(value), kept), *at)
+    d_value = linear(change, lambda *at_and_y: (pull(*at_and_y),), at, (d_by,))
     return kept, jax.tree.leaves(d_value)
 
 
-def _driven_batch(args, dims, *, tree, size, change, pull):
+def _driven_batch(args, dims, *, tree, size, own, change, pull):
     count = _batch_size(args, dims)
     leaves = [_batched(a, d, count) for a, d in zip(args, dims, strict=True)]
-    kept = _driven.bind(*leaves, tree=tree, size=size, change=jax.vmap(change), pull=jax.vmap(pull))
+    change, pull = jax.vmap(change), jax.vmap(pull)
+    kept = _driven.bind(*leaves, tree=tree, size=size, own=own, change=change, pull=pull)
     return kept, [0] * len(kept)
 
 

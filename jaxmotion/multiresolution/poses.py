@@ -17,10 +17,12 @@ from jaxmotion.multiresolution.kernels import (
     Rotations,
     added,
     conjugate,
+    parts_of,
     quaternions_of,
     rotations_of,
     scaled,
     step,
+    together,
     turned,
 )
 from jaxmotion.quaternion.algebra import rotated, running_signs
@@ -62,7 +64,7 @@ def poses_of(motion: Motion) -> Poses:
     """A motion's transforms by component, translations of its translated joints only."""
     moving = np.asarray(motion.translated_joints, int)
     p = jnp.asarray(motion.translations)[:, moving]
-    return parts_of(p), rotations_of(parts_of(motion.rotations))
+    return parts_of(p), rotations_of(motion.rotations)
 
 
 def motion_of(poses: Poses, like: Motion, rate: float, text: str | None = None) -> Motion:
@@ -105,16 +107,6 @@ def parts_of_displacement(displacement: Displacement, moving: tuple[int, ...]) -
     """The inverse of :func:`displacement_of`."""
     u = displacement.translations[:, np.asarray(moving, int)]
     return parts_of(u), parts_of(displacement.rotations)
-
-
-def parts_of(x: Float[AnyArray, "*rest n"]) -> Parts:
-    """f[..., n] to n times f[...]; XLA sees that :func:`together` undoes it."""
-    return tuple(jnp.unstack(jnp.moveaxis(jnp.asarray(x), -1, 0)))
-
-
-def together(parts: Parts) -> Float[Array, "*rest n"]:
-    """The inverse of :func:`parts_of`."""
-    return jnp.moveaxis(jnp.stack(parts), 0, -1)
 
 
 def check_single(motion: Motion, caller: str) -> None:

@@ -8,14 +8,15 @@ import pytest
 from jaxmotion import quaternion
 from jaxmotion.multiresolution.kernels import (
     halfway,
+    parts_of,
     quaternions_of,
     rotations_of,
     step,
     steps,
+    together,
     turned,
     wrapped,
 )
-from jaxmotion.multiresolution.poses import parts_of, together
 from tests.helpers import (
     assert_finite_derivatives,
     check_gradients,
@@ -24,23 +25,19 @@ from tests.helpers import (
 )
 
 
-def _rotations(q):
-    return rotations_of(parts_of(q))
-
-
 @jax.jit
 def _step(a, b):
-    return together(step(_rotations(a), _rotations(b)))
+    return together(step(rotations_of(a), rotations_of(b)))
 
 
 @jax.jit
 def _turned(q, v):
-    return together(quaternions_of(turned(_rotations(q), wrapped(parts_of(v)))))
+    return together(quaternions_of(turned(rotations_of(q), wrapped(parts_of(v)))))
 
 
 @jax.jit
 def _halfway(q, v):
-    rotations = _rotations(q)
+    rotations = rotations_of(q)
     return together(quaternions_of(halfway(rotations, steps(rotations), parts_of(v))))
 
 
@@ -106,7 +103,7 @@ def test_derivatives_along_time():
     v = 0.7 * random_vectors(rng, (4, 2))
     normalize = quaternion.normalize
     check_gradients(lambda q, v: _halfway(normalize(q), v), q, v)
-    check_gradients(lambda q: together(steps(_rotations(normalize(q)))), q)
+    check_gradients(lambda q: together(steps(rotations_of(normalize(q)))), q)
 
 
 def test_wrapping_passes_the_derivative_of_the_same_rotation():
@@ -124,7 +121,7 @@ def test_unit_is_normalize_and_so_are_its_derivatives():
         return lambda q: jnp.sum(weights * normalized(q) ** 3)
 
     def by_parts(q):
-        return together(quaternions_of(_rotations(q)))
+        return together(quaternions_of(rotations_of(q)))
 
     np.testing.assert_allclose(by_parts(q), quaternion.normalize(q), atol=1e-15)
     want = jax.grad(loss(quaternion.normalize))(q)
@@ -143,11 +140,11 @@ def test_second_derivatives_also_through_loops():
             ends = jax.tree.map(lambda x: x[-1:], rotations)
             middle = halfway(rotations, steps(rotations), parts_of(size * v[:4]))
             longer = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), middle, ends)
-            change = step(longer, _rotations(other))
+            change = step(longer, rotations_of(other))
             change = wrapped(tuple(8 * size * x for x in change))
             return turned(longer, change), None
 
-        last, _ = jax.lax.scan(body, _rotations(3 * size * q), None, 2)
+        last, _ = jax.lax.scan(body, rotations_of(3 * size * q), None, 2)
         return jnp.sum(weights * together(quaternions_of(last)))
 
     first = jax.jit(jax.grad(loss))

@@ -86,14 +86,18 @@ def test_many_at_once(axes):
 def _exponential(x):
     """exp, its derivative the value; nothing passes through the value itself."""
     return driven(
-        lambda y, dx: y * dx, lambda y, pull: y * pull, jnp.exp(jax.lax.stop_gradient(x)), x
+        lambda y, dx: y * dx,
+        lambda y, pull: y * pull,
+        jnp.exp(jax.lax.stop_gradient(x)),
+        x,
+        own=True,
     )
 
 
 def _power(x):
     """x³ by a derivative at x."""
     cube = jax.lax.stop_gradient(x) ** 3
-    return driven(lambda x, dx: 3 * x * x * dx, lambda x, pull: 3 * x * x * pull, cube, x, x)
+    return driven(lambda x, dx: 3 * x * x * dx, lambda x, pull: 3 * x * x * pull, cube, x, (x,))
 
 
 @pytest.mark.parametrize(("ours", "plain"), [(_exponential, jnp.exp), (_power, lambda x: x**3)])
@@ -128,7 +132,7 @@ def test_driven_has_the_derivatives_it_is_given_in_any_order_and_in_loops(ours, 
 
 def test_driven_without_a_derivative_to_drive_it_has_none():
     def f(x):
-        return jnp.sum(driven(lambda y, d: d, lambda y, pull: pull, 3 * x, U))
+        return jnp.sum(driven(lambda d: d, lambda pull: pull, 3 * x, U))
 
     np.testing.assert_array_equal(jax.grad(f)(U), 0)
     np.testing.assert_array_equal(jax.jvp(f, (U,), (U,))[1], 0)
