@@ -156,3 +156,15 @@ def test_second_derivatives_also_through_loops():
         jax.grad(lambda size: jax.jvp(loss, (size,), (1.0,))[1]),
     ):
         np.testing.assert_allclose(jax.jit(second)(1.0), want, rtol=1e-6)
+
+
+def test_steps_beyond_the_frames_that_count_are_zero_and_pass_nothing():
+    q = random_quaternions(np.random.default_rng(9), (6, 2))
+    counted = together(steps(rotations_of(q), jnp.asarray(4)))
+    np.testing.assert_array_equal(counted[3:], 0)
+    np.testing.assert_array_equal(counted[:3], together(steps(rotations_of(q)))[:3])
+    weights = jnp.asarray(random_vectors(np.random.default_rng(10), (5, 2)))
+    got = jax.grad(lambda q: jnp.sum(weights * together(steps(rotations_of(q), jnp.asarray(4)))))(q)
+    want = jax.grad(lambda q: jnp.sum((weights * together(steps(rotations_of(q))))[:3]))(q)
+    np.testing.assert_allclose(got, want, atol=1e-14)
+    assert np.abs(got[:4]).max() > 0.1
