@@ -168,24 +168,24 @@ def steps(r: Rotations, count: Array | None = None) -> Parts:
     only taken apart inside the fence."""
 
     def value(q: Parts, count: Array | None) -> Parts:
-        return _among(count, _step(*neighbours(q)))
+        return among(count, _step(*neighbours(q)))
 
     omega = _still(value, r.q, count)
     return driven(_steps_change, _steps_pull, omega, r.turn, (count,), own=True)
 
 
 def _steps_change(omega: Parts, count: Array | None, turn: Parts) -> Parts:
-    return _among(count, _step_of_turns(omega, neighbours(turn)))
+    return among(count, _step_of_turns(omega, neighbours(turn)))
 
 
 def _steps_pull(omega: Parts, count: Array | None, pull: Parts) -> Parts:
     turns = fenced(
-        lambda omega, count, y: _turns_of_step(omega, _among(count, y)), omega, count, pull
+        lambda omega, count, y: _turns_of_step(omega, among(count, y)), omega, count, pull
     )
     return joined_neighbours(*turns)
 
 
-def _among(count: Array | None, steps: Parts) -> Parts:
+def among(count: Array | None, steps: Parts) -> Parts:
     """The steps between the frames that count, and zeros."""
     if count is None:
         return steps

@@ -33,6 +33,7 @@ from jaxmotion.multiresolution.kernels import (
     Parts,
     Rotations,
     added,
+    among,
     halfway,
     scaled,
     step,
@@ -60,8 +61,7 @@ def level_of(
     translations: Parts, rotations: Rotations, spacing: Array | None, count: Array
 ) -> Level:
     """Poses with their steps."""
-    real = jnp.arange(translations[0].shape[0] - 1)[:, None] < count - 1
-    moves = tuple(jnp.where(real, x[1:] - x[:-1], 0) for x in translations)
+    moves = among(count, tuple(x[1:] - x[:-1] for x in translations))
     return Level(translations, rotations, moves, steps(rotations, count), spacing, count)
 
 

@@ -108,11 +108,12 @@ def _linear_transpose(pulls, *args, given, change, pull):
 
 def _linear_batch(args, dims, *, given, change, pull):
     size = _batch_size(args, dims)
-    at = [a if d is None else jnp.moveaxis(a, d, 0) for a, d in zip(args, dims, strict=True)]
+    pairs = zip(args[:given], dims[:given], strict=True)
+    at = [a if d is None else jnp.moveaxis(a, d, 0) for a, d in pairs]
     x = [_batched(a, d, size) for a, d in zip(args[given:], dims[given:], strict=True)]
     axes = ([None if d is None else 0 for d in dims[:given]], 0)
     y = _linear.bind(
-        *at[:given],
+        *at,
         *x,
         given=given,
         change=jax.vmap(change, in_axes=axes),
