@@ -1,9 +1,9 @@
 """All levels in turn: down by R with what each leaves out, up by E with what each is given.
 
 The finest levels of a long clip are compiled for their own sizes; all others run as one loop over
-arrays padded to the largest, each with its own count of frames. That costs up to an eighth of a
-clip's work a level, and compiling costs four levels at most however many there are. A gradient
-runs the loop again rather than keep what it went through.
+arrays padded to the largest, each with its own count of frames. The loop costs an eighth of a
+clip's work a level at most, and a gradient keeps padded arrays for it, so it is left to levels that
+are short; compiling costs seven levels at most however many there are.
 """
 
 from collections.abc import Callable
@@ -18,14 +18,14 @@ from jaxmotion.multiresolution.kernels import Rotations
 from jaxmotion.multiresolution.levels import (
     Level,
     continued,
+    expanded,
     level_of,
-    odd_frames,
     reduced,
 )
 from jaxmotion.multiresolution.poses import Poses
 from jaxmotion.multiresolution.rows import interleaved
 
-_LONG, _UNROLLED = 256, 3
+_LONG, _UNROLLED = 150, 6
 
 
 def level_sizes(frames: int, levels: int | None = None) -> list[int]:
@@ -47,18 +47,19 @@ def descend(
     def halved(fine: Level):
         coarse = reduced(fine, smooth=not lazy)
         spacing = None if fine.spacing is None else continued(fine.spacing, fine.count)
-        expanded = odd_frames(coarse, spacing)
+        even, odd = expanded(coarse, spacing)
         poses = fine.translations, fine.rotations
         rows = len(fine.rotations.turn[0])
         if lazy:
-            return coarse, describe(jax.tree.map(lambda x: x[1::2], poses), expanded)
-        whole = merged((coarse.translations, coarse.rotations), expanded)
-        return coarse, describe(poses, first_rows(whole, rows))
+            return coarse, describe(jax.tree.map(lambda x: x[1::2], poses), odd)
+        return coarse, describe(poses, merged(even, odd, rows))
 
     unrolled = _unrolled(sizes)
     for _ in range(unrolled):
         fine, description = halved(fine)
         kept.append(description)
+    if not isinstance(fine.turns, tuple):
+        fine = level_of(fine.translations, fine.rotations, fine.spacing, fine.count)
     if unrolled < levels:
         rows = len(fine.rotations.turn[0])
 
@@ -66,7 +67,6 @@ def descend(
             coarse, description = halved(level)
             return _padded_level(coarse, rows), description
 
-        again = jax.checkpoint(again, prevent_cse=False)
         fine, stacked = jax.lax.scan(again, fine, None, levels - unrolled)
         for k, size in enumerate(sizes[unrolled:-1]):
             size = size // 2 if lazy else size
@@ -111,24 +111,28 @@ def ascend(
     lazy: bool,
 ) -> tuple[Poses, list[Any]]:
     """Double once for each entry of ``data``, coarse to fine. ``combine(expanded, datum)`` makes a
-    level's poses (lazy: its odd ones) and something to keep; ``counts`` and ``spacings`` are of all
-    levels, base first. What is kept of the looped levels is padded."""
+    level's poses (lazy: its odd ones) and something to keep; data are f[T, J] or f[J]; ``counts``
+    and ``spacings`` are of all levels, base first. What is kept of the looped levels is padded."""
     levels = len(data)
     looped = levels - _unrolled(list(frames[::-1]))
     kept = []
 
-    def doubled(poses, datum, count, spacing, fine_spacing, cut):
-        expanded = odd_frames(level_of(poses[0], poses[1], spacing, count), fine_spacing)
+    def doubled(poses, datum, count, spacing, fine_spacing, rows, cut):
+        even, odd = expanded(level_of(poses[0], poses[1], spacing, count), fine_spacing)
         if not lazy:
-            return combine(jax.tree.map(cut, merged(poses, expanded)), datum)
-        expanded, result = combine(expanded, datum)
-        return jax.tree.map(cut, merged(poses, expanded)), result
+            return combine(jax.tree.map(cut, merged(even, odd, rows)), datum)
+        odd, result = combine(odd, datum)
+        return jax.tree.map(cut, merged(even, odd, rows)), result
 
     if looped:
         rows = frames[looped]
         view = min(rows // 2 + 2, rows)
         size = view - 1 if lazy else rows
-        stack = jax.tree.map(lambda *x: jnp.stack([_fitted(y, size) for y in x]), *data[:looped])
+
+        def stacked(*x: Array) -> Array:
+            return jnp.stack([_fitted(y, size) if y.ndim > 1 else y for y in x])
+
+        stack = jax.tree.map(stacked, *data[:looped])
         h = fine_h = None
         if spacings is not None:
             pairs = zip(spacings[1 : looped + 1], counts[1 : looped + 1], strict=True)
@@ -144,25 +148,27 @@ def ascend(
                 count,
                 h,
                 fine_h,
+                2 * view - 1,
                 lambda x: jax.lax.dynamic_slice_in_dim(x, skip, rows),
             )
 
         poses = jax.tree.map(lambda x: _fitted(x, rows), poses)
         inputs = stack, jnp.stack(counts[:looped]), np.asarray(skips[:looped], int), h, fine_h
-        poses, results = jax.lax.scan(jax.checkpoint(again, prevent_cse=False), poses, inputs)
+        poses, results = jax.lax.scan(again, poses, inputs)
         kept = [jax.tree.map(lambda x, n=n: x[n], results) for n in range(looped)]
     for n in range(looped, levels):
         h = fine_h = None
         if spacings is not None:
             h, fine_h = spacings[n], continued(spacings[n + 1], counts[n + 1])
-        start, stop = skips[n], skips[n] + frames[n + 1]
+        start = skips[n]
         poses, result = doubled(
             first_rows(poses, frames[n]),
             data[n],
             counts[n],
             h,
             fine_h,
-            lambda x, start=start, stop=stop: x[start:stop],
+            start + frames[n + 1],
+            lambda x, start=start: x[start:],
         )
         kept.append(result)
     return first_rows(poses, frames[-1]), kept
@@ -173,8 +179,8 @@ def first_rows(poses: Poses, rows: int) -> Poses:
     return jax.tree.map(lambda x: x[:rows], poses)
 
 
-def merged(even: Poses, odd: Poses) -> Poses:
-    """Even and odd frames in turn."""
+def merged(even: Poses, odd: Poses, rows: int) -> Poses:
+    """Even and odd frames in turn, the first ``rows`` of them."""
     (p, r), (new_p, new_r) = even, odd
-    q, turn = interleaved(r.q, new_r.q), interleaved(r.turn, new_r.turn)
-    return interleaved(p, new_p), Rotations(q, turn)
+    q, turn = interleaved(r.q, new_r.q, rows), interleaved(r.turn, new_r.turn, rows)
+    return interleaved(p, new_p, rows), Rotations(q, turn)

@@ -24,8 +24,8 @@ from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.cascade import ascend, descend, level_sizes
-from jaxmotion.multiresolution.kernels import together
 from jaxmotion.multiresolution.levels import level_of
+from jaxmotion.multiresolution.parts import together
 from jaxmotion.multiresolution.poses import (
     Poses,
     Times,
@@ -164,6 +164,8 @@ def _quantise(
         frame_time_text=motion.frame_time_text,
     )
 
+    unscaled = jnp.ones(motion.num_joints, motion.dtype)
+
     def coded(expanded: Poses, odd: Poses) -> tuple[Poses, Vectors]:
         u, v = minus(odd, expanded, moving)
         codes = (
@@ -174,7 +176,7 @@ def _quantise(
             tuple(shift_step * x for x in codes[0]),
             tuple(0.5 * turn_step * x for x in codes[1]),
         )
-        return plus(expanded, displacement, moving), codes
+        return plus(expanded, displacement, unscaled, moving), codes
 
     counts, spacings = chains(pyramid)
     poses, codes = ascend(

@@ -23,15 +23,9 @@ from jaxtyping import Array, Float
 
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
 from jaxmotion.motion import Motion
-from jaxmotion.multiresolution.kernels import (
-    quaternions_of,
-    rotations_of,
-    steps,
-    together,
-    turned,
-    wrapped,
-)
+from jaxmotion.multiresolution.kernels import quaternions_of, rotations_of, steps, turned
 from jaxmotion.multiresolution.masks import mirror
+from jaxmotion.multiresolution.parts import together
 from jaxmotion.multiresolution.poses import aligned, check_single
 
 
@@ -75,8 +69,10 @@ def _orientation_filter(q: Array, weights: Array) -> Array:
     rotations = rotations_of(q)
     if len(q) < 2:
         return together(quaternions_of(rotations))
-    change = wrapped(tuple(_weighted(x, weights) for x in steps(rotations)))
-    return together(quaternions_of(aligned(turned(rotations, change))))
+    rotations, turns = steps(rotations)
+    change = tuple(_weighted(x, weights) for x in turns)
+    unscaled = jnp.ones(q.shape[1:-1], q.dtype)
+    return together(quaternions_of(aligned(turned(rotations, change, unscaled))))
 
 
 @eqx.filter_jit

@@ -4,9 +4,10 @@
     turned(q, v)  = q·exp(v) = q′        δ′ = exp(v)⁻¹ δ_q exp(v) + Jr(v) dv
     halfway(q, v) = slerp_½(a, b)·exp(v) δ_m = ½(δ_a + δ_b) + ½ tan(θ/4)n × (δ_b − δ_a),  ω = θn
 
-    δ = 2 vec(q̄ dq), the turn of q in its own frame; c = cos(θ/2), s = sin(θ/2)/θ, θ = ‖v‖ ≤ 2π
-    Jr(v) = I − 2s²[v]× + k[v]×²,   k = (1 − 2sc)/θ²
-    M(ω)  = I + ½[ω]× + k[ω]×²,     k = (1 − (θ/2)cot(θ/2))/θ²,  θ = ‖ω‖
+    δ = 2 vec(q̄ dq), the turn of q in its own frame
+    exp(v)⁻¹ y exp(v) = (I − a[v]× + b[v]×²) y,   a = sin θ/θ,  θ = ‖v‖
+    Jr(v) = I − b[v]× + k[v]×²,    b = (1 − cos θ)/θ²,  k = (1 − a)/θ²
+    M(ω)  = I + ½[ω]× + k[ω]×²,    k = (1 − (θ/2)cot(θ/2))/θ²,  θ = ‖ω‖
 
 Derivatives go by turns, three numbers and not four: :class:`Rotations` holds quaternions that no
 derivative passes through beside turns that are zero and carry it, from :func:`rotations_of` to
@@ -14,16 +15,17 @@ derivative passes through beside turns that are zero and carry it, from :func:`r
 derivatives of derivatives are right as well; both modes, because differentiating log and exp costs
 several times as much.
 
-Quaternions are tuples (w, x, y, z) and vectors tuples (x, y, z) of arrays f[T, J]: nothing is
-stacked between an operation and the next. Full-angle rotation vectors; ω goes the short way round,
-so the sign of a quaternion does not matter.
+A gradient keeps little: pulls need steps and vectors only, no quaternions, and a vector that is
+cheap to make is made again (:func:`turned_by`, :func:`halfway`).
 
-No branch, no division by an angle and no library function stands in either: with t = tan(θ/8),
-from u = vec(a⁻¹b) and w = |cos(θ/2)| by two half-angle steps, ω = ±2(1 − t²)(1 + tan²(θ/4))·
-(atan t/t)·u, and c, s follow from the series of sin and cos at θ/4. Both are smooth in θ².
+Full-angle rotation vectors; ω goes the short way round, so the sign of a quaternion does not
+matter. No branch, no division by an angle and no library function stands in either: with
+t = tan(θ/8), from u = vec(a⁻¹b) and w = |cos(θ/2)| by two half-angle steps,
+ω = ±2(1 − t²)(1 + tan²(θ/4))·(atan t/t)·u, and cos(θ/2) and sin(θ/2)/θ follow from the series of
+sin and cos at θ/4. Both are smooth in θ².
 
-Sharp bits: quaternions must be unit, v no longer than 2π (:func:`wrapped`). Everything is fenced
-(:mod:`~jaxmotion.multiresolution.linear`): shared terms are computed once.
+Sharp bits: quaternions must be unit, v no longer than 2π unless it comes with gains. Everything is
+fenced (:mod:`~jaxmotion.multiresolution.linear`): shared terms are computed once.
 """
 
 from collections.abc import Callable
@@ -36,10 +38,20 @@ from jaxtyping import Array, Float
 
 from jaxmotion._numerics import series_switch
 from jaxmotion._types import AnyArray
-from jaxmotion.multiresolution.linear import driven, fenced, linear
-from jaxmotion.quaternion.algebra import normalized, product, rotated
-
-Parts = tuple[Array, ...]
+from jaxmotion.multiresolution.linear import driven, fenced
+from jaxmotion.multiresolution.parts import (
+    Parts,
+    added,
+    conjugate,
+    cross,
+    dot,
+    joined_neighbours,
+    neighbours,
+    parts_of,
+    scaled,
+    together,
+)
+from jaxmotion.quaternion.algebra import normalized, product
 
 
 class Rotations(NamedTuple):
@@ -68,18 +80,12 @@ def _still(f: Callable[..., Any], *args: Any) -> Any:
     return fenced(f, *jax.lax.stop_gradient(args))
 
 
+def _whole(value: Any) -> tuple:
+    return (value,)
+
+
 def _nothing(like: Parts) -> Parts:
     return tuple(jnp.zeros_like(x) for x in like[:3])
-
-
-def parts_of(x: Float[AnyArray, "*rest n"]) -> Parts:
-    """f[..., n] to n times f[...]; XLA sees that :func:`together` undoes it."""
-    return tuple(jnp.unstack(jnp.moveaxis(jnp.asarray(x), -1, 0)))
-
-
-def together(parts: Parts) -> Float[Array, "*rest n"]:
-    """The inverse of :func:`parts_of`."""
-    return jnp.moveaxis(jnp.stack(parts), 0, -1)
 
 
 def rotations_of(q: Float[AnyArray, "*rest 4"]) -> Rotations:
@@ -108,7 +114,7 @@ def _inverse_square(q: Parts) -> Array:
 
 def quaternions_of(r: Rotations) -> Parts:
     """q with its derivative ½ q·(0, δ)."""
-    return driven(_turning, _turning_pull, jax.lax.stop_gradient(r.q), r.turn, own=True)
+    return driven(_turning, _turning_pull, jax.lax.stop_gradient(r.q), r.turn, own=_whole)
 
 
 def _turning(q: Parts, turn: Parts) -> Parts:
@@ -119,11 +125,19 @@ def _turning_pull(q: Parts, pull: Parts) -> Parts:
     return scaled(0.5, product(conjugate(q), pull)[1:])
 
 
-def step(a: Rotations, b: Rotations) -> Parts:
-    """ω = log(a⁻¹b)."""
-    return driven(
-        _step_of_turns, _turns_of_step, _still(_step, a.q, b.q), (a.turn, b.turn), own=True
-    )
+def step(a: Rotations, b: Rotations, part: float = 1.0) -> Parts:
+    """That part of ω = log(a⁻¹b)."""
+
+    def value(a: Parts, b: Parts) -> Parts:
+        return scaled(part, _step(a, b))
+
+    def change(v: Parts, turns: tuple[Parts, Parts]) -> Parts:
+        return scaled(part, _step_of_turns(scaled(1 / part, v), turns))
+
+    def pull(v: Parts, pull: Parts) -> tuple[Parts, Parts]:
+        return _turns_of_step(scaled(1 / part, v), scaled(part, pull))
+
+    return driven(change, pull, _still(value, a.q, b.q), (a.turn, b.turn), own=_whole)
 
 
 def _step(a: Parts, b: Parts) -> Parts:
@@ -163,26 +177,31 @@ def _turns_of_step(omega: Parts, pull: Parts) -> tuple[Parts, Parts]:
     return by_before, by_after
 
 
-def steps(r: Rotations, count: Array | None = None) -> Parts:
-    """ω = log(q_i⁻¹q_{i+1}), f[T − 1, J], zero from the last of ``count`` frames on; neighbours are
+def steps(r: Rotations, count: Array | None = None) -> tuple[Rotations, Parts]:
+    """r, and ω = log(q_i⁻¹q_{i+1}), f[T − 1, J], zero from the last of ``count`` frames on. Go on
+    with the r that comes back: cotangents are then summed where they are computed. Neighbours are
     only taken apart inside the fence."""
 
     def value(q: Parts, count: Array | None) -> Parts:
         return among(count, _step(*neighbours(q)))
 
-    omega = _still(value, r.q, count)
-    return driven(_steps_change, _steps_pull, omega, r.turn, (count,), own=True)
-
-
-def _steps_change(omega: Parts, count: Array | None, turn: Parts) -> Parts:
-    return among(count, _step_of_turns(omega, neighbours(turn)))
-
-
-def _steps_pull(omega: Parts, count: Array | None, pull: Parts) -> Parts:
-    turns = fenced(
-        lambda omega, count, y: _turns_of_step(omega, among(count, y)), omega, count, pull
+    both = _nothing(r.turn), _still(value, r.q, count)
+    turn, omega = driven(
+        _steps_change, _steps_pull, both, r.turn, (count,), own=lambda value: value[1:]
     )
-    return joined_neighbours(*turns)
+    return Rotations(r.q, turn), omega
+
+
+def _steps_change(omega: Parts, count: Array | None, turn: Parts) -> tuple[Parts, Parts]:
+    return turn, among(count, _step_of_turns(omega, neighbours(turn)))
+
+
+def _steps_pull(omega: Parts, count: Array | None, pull: tuple[Parts, Parts]) -> Parts:
+    by_turn, by_omega = pull
+    before, after = fenced(
+        lambda omega, count, y: _turns_of_step(omega, among(count, y)), omega, count, by_omega
+    )
+    return added(by_turn, joined_neighbours(before, after))
 
 
 def among(count: Array | None, steps: Parts) -> Parts:
@@ -193,10 +212,16 @@ def among(count: Array | None, steps: Parts) -> Parts:
     return tuple(jnp.where(real, x, 0) for x in steps)
 
 
-def halfway(r: Rotations, omega: Parts, v: Parts) -> Rotations:
-    """slerp_½(q_i, q_{i+1})·exp(v_i), the short way round: f[T − 1, J]; ``omega`` the steps."""
-    turn = driven(_halfway_change, _halfway_pull, _nothing(v), (r.turn, v), (omega, v))
-    return Rotations(_still(_halfway, r.q, v), turn)
+def halfway(
+    r: Rotations, omega: Parts, vector: Callable[..., Parts], by: tuple, at: tuple = ()
+) -> tuple[Rotations, Rotations]:
+    """r to go on with, as in :func:`steps`, and slerp_½(q_i, q_{i+1})·exp(v_i) the short way round,
+    f[T − 1, J], with v = vector(*by, *at) as in :func:`turned_by`; ``omega`` the steps."""
+    v = vector(*jax.lax.stop_gradient(by), *at)
+    change, pull = _made_again(_halfway_change, _halfway_pull, vector)
+    both = _nothing(r.turn), _nothing(v)
+    turn, middle = driven(change, pull, both, (r.turn, by), (by, at, (omega,)))
+    return Rotations(r.q, turn), Rotations(_still(_halfway, r.q, v), middle)
 
 
 def _halfway(q: Parts, v: Parts) -> Parts:
@@ -207,41 +232,30 @@ def _halfway(q: Parts, v: Parts) -> Parts:
     return _turned(tuple(x * scale + y * other for x, y in zip(a, b, strict=True)), v)
 
 
-def _halfway_change(omega: Parts, v: Parts, by: tuple[Parts, Parts]) -> Parts:
+def _halfway_change(omega: Parts, v: Parts, by: tuple[Parts, Parts]) -> tuple[Parts, Parts]:
     turn, dv = by
     before, after = neighbours(turn)
     difference = tuple(y - x for x, y in zip(before, after, strict=True))
     middle = added(added(before, after), cross(_quarter_tangent(omega), difference))
-    return _turn_of_turned(v, (scaled(0.5, middle), dv))
+    return turn, _turn_of_turned(v, (scaled(0.5, middle), dv))
 
 
-def _halfway_pull(omega: Parts, v: Parts, pull: Parts) -> tuple[Parts, Parts]:
+def _halfway_pull(omega: Parts, v: Parts, pull: tuple[Parts, Parts]) -> tuple[Parts, Parts]:
     def turns(omega: Parts, v: Parts, pull: Parts) -> tuple[Parts, Parts, Parts]:
         by_middle, by_v = _turns_of_turned(v, pull)
         half = scaled(0.5, by_middle)
         bent = cross(_quarter_tangent(omega), half)
         return added(half, bent), tuple(x - y for x, y in zip(half, bent, strict=True)), by_v
 
-    before, after, by_v = fenced(turns, omega, v, pull)
-    return joined_neighbours(before, after), by_v
+    by_turn, by_middle = pull
+    before, after, by_v = fenced(turns, omega, v, by_middle)
+    return added(by_turn, joined_neighbours(before, after)), by_v
 
 
 def _quarter_tangent(omega: Parts) -> Parts:
     """tan(θ/4) about the axis of each step."""
     cosine, sine = _half_angle(dot(omega, omega))
     return scaled(sine / (1 + cosine), omega)
-
-
-def neighbours(q: Parts) -> tuple[Parts, Parts]:
-    """All frames but the last, and all but the first."""
-    return tuple(x[:-1] for x in q), tuple(x[1:] for x in q)
-
-
-def joined_neighbours(a: Parts, b: Parts) -> Parts:
-    """The transpose of :func:`neighbours`."""
-    return tuple(
-        jnp.concatenate([x[:1], x[1:] + y[:-1], y[-1:]]) for x, y in zip(a, b, strict=True)
-    )
 
 
 def _inverse_jacobian_factor(x: Array) -> Array:
@@ -251,15 +265,61 @@ def _inverse_jacobian_factor(x: Array) -> Array:
     return jnp.where(far, (1 - cosine / (2 * sine)) / jnp.where(far, x, 1), near)
 
 
-def turned(r: Rotations, v: Parts) -> Rotations:
-    """q·exp(v)."""
-    turn = driven(_turn_of_turned, _turns_of_turned, _nothing(v), (r.turn, v), (v,))
+def turned(r: Rotations, v: Parts, gains: Array | None = None) -> Rotations:
+    """q·exp(v), or with ``gains`` f[J] q·exp(gains·v), which may be of any length."""
+    if gains is None:
+        return turned_by(r, lambda v: v, (v,))
+    by = r.turn, v, gains
+    turn = driven(_turn_of_scaled, _turns_of_scaled, _nothing(v), by, (v, gains))
+    return Rotations(_still(_turned, r.q, v, gains), turn)
+
+
+def turned_by(r: Rotations, vector: Callable[..., Parts], by: tuple, at: tuple = ()) -> Rotations:
+    """q·exp(v) of a v = vector(*by, *at) that a gradient does not keep, but makes again when its
+    cotangent is there. The derivative goes through ``by``, not through ``at``; give all that
+    ``vector`` takes as arguments."""
+    v = vector(*jax.lax.stop_gradient(by), *at)
+    change, pull = _made_again(_turn_of_turned, _turns_of_turned, vector)
+    turn = driven(change, pull, _nothing(v), (r.turn, by), (by, at, ()))
     return Rotations(_still(_turned, r.q, v), turn)
 
 
-def _turned(q: Parts, v: Parts) -> Parts:
-    cosine, sine = _half_angle(dot(v, v))
+def _made_again(
+    change: Callable, pull: Callable, vector: Callable[..., Parts]
+) -> tuple[Callable, Callable]:
+    """change(*rest, v, (turn, dv)) and its transpose, as maps of a turn and what v is made of."""
+
+    def changed(by: tuple, at: tuple, rest: tuple, d: tuple[Parts, tuple]) -> Any:
+        turn, d_by = d
+        v, dv = jax.jvp(lambda *by: vector(*by, *at), by, d_by)
+        return change(*rest, v, (turn, dv))
+
+    def pulled(by: tuple, at: tuple, rest: tuple, y: Any) -> tuple[Parts, tuple]:
+        v, back = jax.vjp(lambda *by: vector(*by, *at), *by)
+        turn, by_v = pull(*rest, v, y)
+        return turn, back(by_v)
+
+    return changed, pulled
+
+
+def _turned(q: Parts, v: Parts, gains: Array | None = None) -> Parts:
+    v, cosine, sine = _scaled_angle(v, gains)
     return product(q, (cosine, *scaled(sine, v)))
+
+
+def _scaled_angle(v: Parts, gains: Array | None) -> tuple[Parts, Array, Array]:
+    """gains·v, and cos(θ/2) and sin(θ/2)/θ of its length."""
+    if gains is None:
+        return v, *_half_angle(dot(v, v))
+    v = scaled(gains, v)
+    x = dot(v, v)
+    far = x > np.pi**2
+    angle = jnp.sqrt(jnp.where(far, x, 1))
+    turns = jax.lax.stop_gradient(jnp.round(angle / (2 * np.pi)))
+    rest = angle - 2 * np.pi * turns
+    cosine, sine = _half_angle(jnp.where(far, rest * rest, x))
+    sign = 1 - 2 * (turns % 2)
+    return v, sign * cosine, jnp.where(far, sign * sine * rest / angle, sine)
 
 
 def _half_angle(x: Array) -> tuple[Array, Array]:
@@ -269,81 +329,45 @@ def _half_angle(x: Array) -> tuple[Array, Array]:
     return 1 - 2 * y * sine * sine, 0.5 * sine * _polynomial(_COSINE, y)
 
 
-@jax.custom_jvp
-def wrapped(v: Parts) -> Parts:
-    """Another rotation vector of the same rotation, no longer than π (to rounding)."""
-    return fenced(lambda v: scaled(1 - _whole_turns(v)[0], v), v)
-
-
-@wrapped.defjvp
-def _wrapped_jvp(primals, tangents):
-    (v,), (dv,) = primals, tangents
-
-    def change(v, dv):
-        taken, square = _whole_turns(v)
-        return added(scaled(1 - taken, dv), scaled(taken / square * dot(v, dv), v))
-
-    # The matrix of change is symmetric.
-    return wrapped(v), linear(change, lambda v, pull: (change(v, pull),), (v,), (dv,))
-
-
-def _whole_turns(v: Parts) -> tuple[Array, Array]:
-    """2πn/θ for the n whole turns in v, and θ² (1 if there are none)."""
-    square = dot(v, v)
-    turns = jnp.round(jnp.sqrt(square) / (2 * np.pi))
-    square = jnp.where(turns > 0, square, 1)
-    return 2 * np.pi * turns * jax.lax.rsqrt(square), square
-
-
-def _turn_of_turned(v: Parts, by: tuple[Parts, Parts]) -> Parts:
+def _turn_of_turned(v: Parts, by: tuple[Parts, Parts], gains: Array | None = None) -> Parts:
     """The turn of q·exp(v) from that of q and dv: exp(v)⁻¹ δ exp(v) + Jr(v) dv."""
     turn, dv = by
-    c, s, k = _right_jacobian(v)
-    once = cross(v, dv)
-    moved = added(dv, added(scaled(-2 * s * s, once), scaled(k, cross(v, once))))
-    return added(rotated(conjugate((c, *scaled(s, v))), turn), moved)
+    bent = _bent(v, gains, -1)
+    return added(bent(turn)[0], bent(dv)[1])
 
 
-def _turns_of_turned(v: Parts, pull: Parts) -> tuple[Parts, Parts]:
+def _turns_of_turned(v: Parts, pull: Parts, gains: Array | None = None) -> tuple[Parts, Parts]:
     """The transpose of :func:`_turn_of_turned`."""
-    c, s, k = fenced(_right_jacobian, v)
-    once = cross(v, pull)
-    by_v = added(pull, added(scaled(2 * s * s, once), scaled(k, cross(v, once))))
-    return rotated((c, *scaled(s, v)), pull), by_v
+    return _bent(v, gains, 1)(pull)
 
 
-def _right_jacobian(v: Parts) -> tuple[Array, Array, Array]:
-    """c, s and k of Jr(v)."""
+def _turn_of_scaled(v: Parts, gains: Array, by: tuple[Parts, Parts, Array]) -> Parts:
+    turn, dv, dgains = by
+    return _turn_of_turned(v, (turn, added(scaled(gains, dv), scaled(dgains, v))), gains)
+
+
+def _turns_of_scaled(v: Parts, gains: Array, pull: Parts) -> tuple[Parts, Parts, Array]:
+    turn, by = _turns_of_turned(v, pull, gains)
+    return turn, scaled(gains, by), jnp.sum(dot(v, by), axis=0)
+
+
+def _bent(v: Parts, gains: Array | None, sign: int) -> Callable[[Parts], tuple[Parts, Parts]]:
+    """y to exp(±v) y exp(±v)⁻¹ = (I ± a[v]× + b[v]×²) y and Jr(∓v) y = (I ± b[v]× + k[v]×²) y."""
+
+    def factors(v: Parts, gains: Array | None) -> tuple[Array, Array]:
+        _, cosine, sine = _scaled_angle(v, gains)
+        return 2 * cosine * sine, 2 * sine * sine
+
+    a, b = fenced(factors, v, gains)
+    v = v if gains is None else scaled(gains, v)
     x = dot(v, v)
-    c, s = _half_angle(x)
     far = x > series_switch(x.dtype)
-    near = 1 / 6 - x * (1 / 120 - x / 5040)
-    return c, s, jnp.where(far, (1 - 2 * s * c) / jnp.where(far, x, 1), near)
+    k = jnp.where(far, (1 - a) / jnp.where(far, x, 1), 1 / 6 - x * (1 / 120 - x / 5040))
 
+    def bent(y: Parts) -> tuple[Parts, Parts]:
+        once = cross(v, y)
+        twice = cross(v, once)
+        moved = added(y, added(scaled(sign * a, once), scaled(b, twice)))
+        return moved, added(y, added(scaled(sign * b, once), scaled(k, twice)))
 
-def conjugate(q: Parts) -> Parts:
-    """q̄."""
-    w, x, y, z = q
-    return w, -x, -y, -z
-
-
-def dot(a: Parts, b: Parts) -> Array:
-    """Σ a_i b_i."""
-    return sum((x * y for x, y in zip(a[1:], b[1:], strict=True)), start=a[0] * b[0])
-
-
-def cross(a: Parts, b: Parts) -> Parts:
-    """a × b."""
-    x, y, z = a
-    u, v, w = b
-    return y * w - z * v, z * u - x * w, x * v - y * u
-
-
-def added(a: Parts, b: Parts) -> Parts:
-    """a + b."""
-    return tuple(x + y for x, y in zip(a, b, strict=True))
-
-
-def scaled(factor: Array | float, v: Parts) -> Parts:
-    """factor · v."""
-    return tuple(factor * x for x in v)
+    return bent

@@ -30,39 +30,47 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxmotion.multiresolution.kernels import (
-    Parts,
     Rotations,
-    added,
     among,
     halfway,
-    scaled,
+    rotations_of,
     step,
     steps,
     turned,
+    turned_by,
 )
 from jaxmotion.multiresolution.masks import divided_difference
+from jaxmotion.multiresolution.parts import Parts, added, scaled
 from jaxmotion.multiresolution.rows import Ends, every_second, window_sums
 
 
 class Level(NamedTuple):
     """Poses of one level: translations and rotations by component, f[T, J] each; their steps
     ``moves`` and ``turns``, f[T − 1, J], zero from the last that counts; ``spacing`` h f[T − 1], or
-    None if even; ``count`` c."""
+    None if even; ``count`` c. ``turns`` may also be the quaternions f[T, J, 4] that the rotations
+    are of: then a gradient keeps no steps, but computes them again."""
 
     translations: Parts
     rotations: Rotations
     moves: Parts
-    turns: Parts
+    turns: Parts | Array
     spacing: Array | None
     count: Array
 
 
 def level_of(
-    translations: Parts, rotations: Rotations, spacing: Array | None, count: Array
+    translations: Parts,
+    rotations: Rotations,
+    spacing: Array | None,
+    count: Array,
+    given: Array | None = None,
 ) -> Level:
-    """Poses with their steps."""
+    """Poses with their steps, or with the quaternions ``given`` for them."""
     moves = among(count, tuple(x[1:] - x[:-1] for x in translations))
-    return Level(translations, rotations, moves, steps(rotations, count), spacing, count)
+    if given is not None:
+        return Level(translations, rotations, moves, given, spacing, count)
+    rotations, turns = steps(rotations, count)
+    return Level(translations, rotations, moves, turns, spacing, count)
 
 
 def even_frames(fine: Level) -> tuple[Parts, Rotations, Array | None]:
@@ -114,14 +122,17 @@ def reduced(fine: Level, *, smooth: bool = True) -> Level:
         weights = _reduction_weights(fine.spacing, fine.count, len(p[0]))
         ends = _mirrored_ends(len(fine.moves[0]), fine.count, p[0].dtype)
         p = added(p, window_sums(fine.moves, weights, ends, 2))
-        rotations = turned(rotations, window_sums(fine.turns, weights, ends, 2))
+        rotations = turned_by(rotations, *_made_of(fine.turns, weights, ends, 2))
     return level_of(p, rotations, spacing, fine.count // 2 + 1)
 
 
-def odd_frames(coarse: Level, fine_spacing: Array | None) -> tuple[Parts, Rotations]:
-    """E's new poses, one between each two: f[K − 1, J] of a level of K frames; ``fine_spacing``
-    f[2(K − 1)] of the frames that come out, :func:`continued`, if uneven."""
-    p, count = tuple(x[:-1] for x in coarse.translations), coarse.count
+def expanded(
+    coarse: Level, fine_spacing: Array | None
+) -> tuple[tuple[Parts, Rotations], tuple[Parts, Rotations]]:
+    """E's even poses, those of a level of K frames, and its new ones between each two, f[K − 1, J];
+    ``fine_spacing`` f[2(K − 1)] of the frames that come out, :func:`continued`, if uneven."""
+    p, count, turns = tuple(x[:-1] for x in coarse.translations), coarse.count, coarse.turns
+    assert isinstance(turns, tuple)
     if fine_spacing is None:
         tau, weights, outer = 0.5, (1 / 16, 0.0, -1 / 16), _even_ends(count, p[0].dtype)
     else:
@@ -129,12 +140,31 @@ def odd_frames(coarse: Level, fine_spacing: Array | None) -> tuple[Parts, Rotati
     ends = _drawn_ends(len(p[0]), count, outer)
     p = added(p, scaled(tau, coarse.moves))
     p = added(p, window_sums(coarse.moves, weights, ends))
-    change = window_sums(coarse.turns, weights, ends)
+    change = _made_of(turns, weights, ends)
     if fine_spacing is None:
-        return p, halfway(coarse.rotations, coarse.turns, change)
+        even, odd = halfway(coarse.rotations, turns, *change)
+        return (coarse.translations, even), (p, odd)
     before = jax.tree.map(lambda x: x[:-1], coarse.rotations)
-    middle = turned(before, scaled(tau, coarse.turns))
-    return p, turned(middle, change)
+    middle = turned(before, scaled(tau, turns))
+    return (coarse.translations, coarse.rotations), (p, turned_by(middle, *change))
+
+
+def _made_of(turns: Parts | Array, weights: tuple, ends: Ends, stride: int = 1) -> tuple:
+    """:func:`window_sums` as :func:`turned_by` takes it: a function, what its derivative goes
+    through, and what else it is given. Weights that are numbers have no derivative."""
+
+    def sums(turns: Parts | Array, weights: tuple, ends: Ends) -> Parts:
+        if not isinstance(turns, tuple):
+            _, turns = steps(rotations_of(turns), ends.stop + 1)
+        return window_sums(turns, weights, ends, stride)
+
+    if isinstance(weights[0], float):
+        return lambda turns, ends: sums(turns, weights, ends), (turns,), (ends,)
+
+    def uneven(turns: Parts | Array, weights: tuple, near: tuple, *where: Array) -> Parts:
+        return sums(turns, weights, Ends(*near, *where))
+
+    return uneven, (turns, weights, ends[:2]), ends[2:]
 
 
 def mirror_index(index: Array, count: Array) -> Array:

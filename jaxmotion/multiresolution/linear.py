@@ -25,6 +25,7 @@ from jax.interpreters import ad, batching, mlir
 def fenced(f: Callable[..., Any], *args: Any) -> Any:
     """f(*args), computed once and stored, whoever uses it."""
     always = jax.lax.optimization_barrier(jnp.asarray(True))
+    f = jax.jit(f, inline=True)  # traced once
     shapes = jax.eval_shape(f, *args)
 
     def never(*_):
@@ -35,6 +36,7 @@ def fenced(f: Callable[..., Any], *args: Any) -> Any:
 
 def linear(change: Callable, pull: Callable, at: tuple, x: tuple) -> Any:
     """change(*at, *x), linear in x; its transpose is pull(*at, y), a tuple like ``x``."""
+    change, pull = (jax.jit(f, inline=True) for f in (change, pull))  # traced once
     (at_leaves, at_tree), (x_leaves, x_tree) = jax.tree.flatten(at), jax.tree.flatten(x)
     shapes = jax.eval_shape(change, *at, *x)
 
@@ -52,10 +54,17 @@ def linear(change: Callable, pull: Callable, at: tuple, x: tuple) -> Any:
 
 
 def driven(
-    change: Callable, pull: Callable, value: Any, by: Any, at: tuple = (), *, own: bool = False
+    change: Callable,
+    pull: Callable,
+    value: Any,
+    by: Any,
+    at: tuple = (),
+    *,
+    own: Callable[[Any], tuple] | None = None,
 ) -> Any:
     """``value``, whose derivative is change(*at, d by) and no other, linear in d by, with
-    pull(*at, cotangent) for its transpose; ``own`` puts the value itself first in ``at``."""
+    pull(*at, cotangent) for its transpose; ``own`` is what of the value itself comes first in
+    ``at``."""
     leaves, tree = jax.tree.flatten((value, by, at))
     size = len(jax.tree.leaves(value))
     kept = _driven.bind(*leaves, tree=tree, size=size, own=own, change=change, pull=pull)
@@ -133,8 +142,8 @@ def _driven_jvp(primals, tangents, *, tree, size, own, change, pull):
     if all(type(t) is ad.Zero for t in changes):
         return kept, [ad.Zero(jax.typeof(x).to_tangent_aval()) for x in kept]
     d_by = jax.tree.unflatten(jax.tree.structure(by), [ad.instantiate_zeros(t) for t in changes])
-    if own:
-        at = (jax.tree.unflatten(jax.tree.structure(value), kept), *at)
+    if own is not None:
+        at = (*own(jax.tree.unflatten(jax.tree.structure(value), kept)), *at)
     d_value = linear(change, lambda *at_and_y: (pull(*at_and_y),), at, (d_by,))
     return kept, jax.tree.leaves(d_value)
 

@@ -12,19 +12,8 @@ from jaxtyping import Array, Float
 from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
-from jaxmotion.multiresolution.kernels import (
-    Parts,
-    Rotations,
-    added,
-    conjugate,
-    parts_of,
-    quaternions_of,
-    rotations_of,
-    scaled,
-    step,
-    together,
-    turned,
-)
+from jaxmotion.multiresolution.kernels import Rotations, quaternions_of, rotations_of, step, turned
+from jaxmotion.multiresolution.parts import Parts, added, conjugate, parts_of, scaled, together
 from jaxmotion.quaternion.algebra import rotated, running_signs
 
 Times: TypeAlias = Float[AnyArray, " time"]
@@ -37,13 +26,14 @@ def minus(poses: Poses, reference: Poses, moving: tuple[int, ...]) -> Vectors:
     translations are of."""
     (p, q), (e, r) = poses, reference
     shift = tuple(x - y for x, y in zip(p, e, strict=True))
-    return rotated(conjugate(_of(r, moving)), shift), scaled(0.5, step(r, q))
+    return rotated(conjugate(_of(r, moving)), shift), step(r, q, 0.5)
 
 
-def plus(poses: Poses, displacement: Vectors, moving: tuple[int, ...]) -> Poses:
-    """poses ⊕ displacement in the body sense (Lee & Shin, Eq. 2)."""
-    (p, q), (u, v) = poses, displacement
-    return added(p, rotated(_of(q, moving), u)), turned(q, scaled(2.0, v))
+def plus(poses: Poses, displacement: Vectors, gains: Array, moving: tuple[int, ...]) -> Poses:
+    """poses ⊕ gains · displacement in the body sense (Lee & Shin, Eq. 2); ``gains`` f[J]."""
+    (p, r), (u, v) = poses, displacement
+    u = scaled(gains[np.asarray(moving, int)], u)
+    return added(p, rotated(_of(r, moving), u)), turned(r, v, 2 * gains)
 
 
 def _of(rotations: Rotations, joints: tuple[int, ...]) -> Parts:

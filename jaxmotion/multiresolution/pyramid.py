@@ -15,25 +15,25 @@ skips the smoothing (the paper's lazy form): even frames have no detail, so only
 stored, T frames and details in all instead of 2T.
 
 O(T·J), N static, one clip (vmap for several), differentiable in motion, times and details. Sharp
-bit: compiling costs one level, not N: the coarse levels run in one loop over padded arrays, only
-the three finest of a long clip are unrolled.
+bit: compiling costs seven levels at most, not N: levels of more than 150 frames are compiled each
+for its own size, up to six, all coarser ones run in one loop over padded arrays.
 """
 
 from functools import partial
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.cascade import ascend, descend, level_sizes
-from jaxmotion.multiresolution.kernels import scaled, wrapped
 from jaxmotion.multiresolution.levels import coarser_spacing, level_of
 from jaxmotion.multiresolution.poses import (
+    Poses,
     Times,
+    Vectors,
     check_single,
     checked_times,
     displacement_of,
@@ -125,7 +125,8 @@ def _build(
     motion: Motion, levels: int, times: Array | None, lazy: bool, length: Array | None
 ) -> Pyramid:
     count = jnp.asarray(motion.num_frames, int) if length is None else length
-    fine = level_of(*poses_of(motion), spacing_of(times, count), count)
+    given = jnp.asarray(motion.rotations)
+    fine = level_of(*poses_of(motion), spacing_of(times, count), count, given)
     moving = motion.translated_joints
     coarse, details = descend(fine, levels, lazy, partial(minus, moving=moving))
     return Pyramid(
@@ -144,16 +145,17 @@ def _build(
 def synthesize(pyramid: Pyramid, gains: Float[Array, "level joint"]) -> Motion:
     """Base ⊕ details, each level's and joint's times its gain."""
     moving = pyramid.base.translated_joints
-    details = []
-    for n, displacement in enumerate(pyramid.details):
-        u, v = parts_of_displacement(displacement, moving)
-        v = scaled(0.5, wrapped(scaled(2 * gains[n], v)))
-        details.append((scaled(gains[n, np.asarray(moving, int)], u), v))
+    details = [parts_of_displacement(d, moving) for d in pyramid.details]
+
+    def with_detail(poses: Poses, detail: tuple[Vectors, Array]) -> tuple[Poses, None]:
+        displacement, gain = detail
+        return plus(poses, displacement, gain, moving), None
+
     counts, spacings = chains(pyramid)
     poses, _ = ascend(
         poses_of(pyramid.base),
-        details,
-        lambda expanded, detail: (plus(expanded, detail, moving), None),
+        list(zip(details, gains, strict=True)),
+        with_detail,
         frames=pyramid.frames,
         skips=pyramid.skips,
         counts=counts,

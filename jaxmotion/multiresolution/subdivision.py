@@ -10,12 +10,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxmotion.motion import Motion
-from jaxmotion.multiresolution.cascade import first_rows, merged
+from jaxmotion.multiresolution.cascade import merged
 from jaxmotion.multiresolution.levels import (
     coarser_spacing,
     continued,
+    expanded,
     level_of,
-    odd_frames,
     reduced,
 )
 from jaxmotion.multiresolution.poses import (
@@ -108,8 +108,8 @@ def _expand(motion: Motion, frames: int, times: Array | None) -> Motion:
         h = spacing_of(times, finer)
         assert h is not None
         spacing, fine = coarser_spacing(h, finer), continued(h, finer)
-    odd = odd_frames(level_of(*poses, spacing, count), fine)
-    return motion_of(first_rows(merged(poses, odd), frames), motion, 0.5)
+    even, odd = expanded(level_of(*poses, spacing, count), fine)
+    return motion_of(merged(even, odd, frames), motion, 0.5)
 
 
 def _octaves(caller: str, octaves: int) -> int:

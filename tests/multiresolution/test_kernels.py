@@ -1,5 +1,7 @@
 """Steps and turns by component, against the quaternion room and finite differences."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,17 +10,17 @@ import pytest
 from jaxmotion import quaternion
 from jaxmotion.multiresolution.kernels import (
     halfway,
-    parts_of,
     quaternions_of,
     rotations_of,
     step,
     steps,
-    together,
     turned,
-    wrapped,
+    turned_by,
 )
+from jaxmotion.multiresolution.parts import parts_of, together
 from tests.helpers import (
     assert_finite_derivatives,
+    assert_trees_close,
     check_gradients,
     random_quaternions,
     random_vectors,
@@ -32,13 +34,14 @@ def _step(a, b):
 
 @jax.jit
 def _turned(q, v):
-    return together(quaternions_of(turned(rotations_of(q), wrapped(parts_of(v)))))
+    unscaled = jnp.ones(v.shape[-2], v.dtype)
+    return together(quaternions_of(turned(rotations_of(q), parts_of(v), unscaled)))
 
 
 @jax.jit
 def _halfway(q, v):
-    rotations = rotations_of(q)
-    return together(quaternions_of(halfway(rotations, steps(rotations), parts_of(v))))
+    _, middle = halfway(*steps(rotations_of(q)), lambda v: v, (parts_of(v),))
+    return together(quaternions_of(middle))
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1e-3, 1.0, 3.14159])
@@ -57,14 +60,11 @@ def test_they_are_log_and_exp(scale, dtype):
     np.testing.assert_allclose(np.where(scale > 3, sign, 1) * back, v, atol=40 * eps)
 
 
-def test_long_vectors_are_wrapped():
+def test_scaled_vectors_may_be_of_any_length():
     rng = np.random.default_rng(1)
     q, v = random_quaternions(rng, (50, 1)), 20 * random_vectors(rng, (50, 1))
-    want = quaternion.multiply(q, quaternion.exp(v))
-    got = _turned(q, v)
-    sign = np.sign(np.sum(got * want, -1, keepdims=True))
-    np.testing.assert_allclose(sign * got, want, atol=1e-13)
-    assert np.linalg.norm(together(wrapped(parts_of(v))), axis=-1).max() <= np.pi + 1e-12
+    assert np.linalg.norm(v, axis=-1).max() > 30
+    np.testing.assert_allclose(_turned(q, v), quaternion.multiply(q, quaternion.exp(v)), atol=1e-13)
 
 
 def test_derivatives():
@@ -103,13 +103,21 @@ def test_derivatives_along_time():
     v = 0.7 * random_vectors(rng, (4, 2))
     normalize = quaternion.normalize
     check_gradients(lambda q, v: _halfway(normalize(q), v), q, v)
-    check_gradients(lambda q: together(steps(rotations_of(normalize(q)))), q)
+    check_gradients(lambda q: together(steps(rotations_of(normalize(q)))[1]), q)
 
 
-def test_wrapping_passes_the_derivative_of_the_same_rotation():
-    v = 9 * random_vectors(np.random.default_rng(5), (6, 2))
-    assert np.linalg.norm(v, axis=-1).max() > 2 * np.pi
-    check_gradients(lambda v: together(wrapped(parts_of(v))), v)
+def test_derivatives_by_gains_and_of_long_vectors():
+    rng = np.random.default_rng(5)
+    q, v = random_quaternions(rng, (6, 2)), random_vectors(rng, (6, 2))
+    gains = jnp.array([-1.5, 12.0])
+    assert np.linalg.norm(gains[:, None] * v, axis=-1).max() > 4 * np.pi
+
+    def scaled(v, gains):
+        return together(quaternions_of(turned(rotations_of(q), parts_of(v), gains)))
+
+    want = quaternion.multiply(q, quaternion.exp(gains[:, None] * v))
+    np.testing.assert_allclose(scaled(v, gains), want, atol=1e-13)
+    check_gradients(scaled, v, gains)
 
 
 def test_unit_is_normalize_and_so_are_its_derivatives():
@@ -129,6 +137,51 @@ def test_unit_is_normalize_and_so_are_its_derivatives():
     check_gradients(by_parts, np.delete(q, 2, axis=0))
 
 
+def _mixed(u, v, k):
+    """Some vector made of two and a number."""
+    return tuple(k * x * jnp.cos(y) for x, y in zip(u, v, strict=True))
+
+
+def test_vectors_made_again_pass_what_they_are_made_of_its_derivative():
+    rng = np.random.default_rng(11)
+    q = random_quaternions(rng, (5, 2))
+    u, v = (random_vectors(rng, (5, 2)) for _ in range(2))
+    weights = jnp.asarray(rng.standard_normal((5, 2, 4)))
+
+    def turned_again(q, u, v, k):
+        r = turned_by(rotations_of(q), _mixed, (parts_of(u), parts_of(v)), (k,))
+        return together(quaternions_of(r))
+
+    def turned_once(q, u, v, k):
+        r = turned(rotations_of(q), _mixed(parts_of(u), parts_of(v), k))
+        return together(quaternions_of(r))
+
+    def halfway_again(q, u, v, k):
+        r, omega = steps(rotations_of(q))
+        by = parts_of(u[1:]), omega
+        r, middle = halfway(r, omega, _mixed, by, (k,))
+        return together(quaternions_of(middle)) + together(quaternions_of(r))[1:]
+
+    def halfway_once(q, u, v, k):
+        r, omega = steps(rotations_of(q))
+        _, middle = halfway(r, omega, lambda v: v, (_mixed(parts_of(u[1:]), omega, k),))
+        return together(quaternions_of(middle)) + together(quaternions_of(rotations_of(q)))[1:]
+
+    for again, once in ((turned_again, turned_once), (halfway_again, halfway_once)):
+
+        def loss(f, q, u, v):
+            y = f(q, u, v, 0.3)
+            return jnp.sum(weights[: len(y)] * y)
+
+        np.testing.assert_allclose(again(q, u, v, 0.3), once(q, u, v, 0.3), atol=1e-15)
+        for derivative in (jax.grad, jax.jacfwd):
+            got, want = (
+                jax.jit(derivative(partial(loss, f), (0, 1, 2)))(q, u, v) for f in (again, once)
+            )
+            assert_trees_close(got, want, 1e-12, 1e-13)
+        check_gradients(lambda u, v, f=again: f(q, u, v, 0.3), u, v)
+
+
 def test_second_derivatives_also_through_loops():
     rng = np.random.default_rng(8)
     q, v = random_quaternions(rng, (5, 2)), 0.4 * random_vectors(rng, (5, 2))
@@ -138,11 +191,12 @@ def test_second_derivatives_also_through_loops():
     def loss(size):
         def body(rotations, _):
             ends = jax.tree.map(lambda x: x[-1:], rotations)
-            middle = halfway(rotations, steps(rotations), parts_of(size * v[:4]))
-            longer = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), middle, ends)
+            rotations, omega = steps(rotations)
+            by = (parts_of(v[:4]), omega)
+            bent = halfway(rotations, omega, _mixed, (*by, size))[1]
+            longer = jax.tree.map(lambda x, y: jnp.concatenate([x, y]), bent, ends)
             change = step(longer, rotations_of(other))
-            change = wrapped(tuple(8 * size * x for x in change))
-            return turned(longer, change), None
+            return turned(longer, change, 8 * size * jnp.ones(2)), None
 
         last, _ = jax.lax.scan(body, rotations_of(3 * size * q), None, 2)
         return jnp.sum(weights * together(quaternions_of(last)))
@@ -160,11 +214,13 @@ def test_second_derivatives_also_through_loops():
 
 def test_steps_beyond_the_frames_that_count_are_zero_and_pass_nothing():
     q = random_quaternions(np.random.default_rng(9), (6, 2))
-    counted = together(steps(rotations_of(q), jnp.asarray(4)))
+    counted = together(steps(rotations_of(q), jnp.asarray(4))[1])
     np.testing.assert_array_equal(counted[3:], 0)
-    np.testing.assert_array_equal(counted[:3], together(steps(rotations_of(q)))[:3])
+    np.testing.assert_array_equal(counted[:3], together(steps(rotations_of(q))[1])[:3])
     weights = jnp.asarray(random_vectors(np.random.default_rng(10), (5, 2)))
-    got = jax.grad(lambda q: jnp.sum(weights * together(steps(rotations_of(q), jnp.asarray(4)))))(q)
-    want = jax.grad(lambda q: jnp.sum((weights * together(steps(rotations_of(q))))[:3]))(q)
+    got = jax.grad(
+        lambda q: jnp.sum(weights * together(steps(rotations_of(q), jnp.asarray(4))[1]))
+    )(q)
+    want = jax.grad(lambda q: jnp.sum((weights * together(steps(rotations_of(q))[1]))[:3]))(q)
     np.testing.assert_allclose(got, want, atol=1e-14)
     assert np.abs(got[:4]).max() > 0.1

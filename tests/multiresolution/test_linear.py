@@ -90,7 +90,7 @@ def _exponential(x):
         lambda y, pull: y * pull,
         jnp.exp(jax.lax.stop_gradient(x)),
         x,
-        own=True,
+        own=lambda value: (value,),
     )
 
 

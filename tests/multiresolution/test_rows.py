@@ -42,10 +42,10 @@ def test_every_second(rows):
 @pytest.mark.parametrize(("even", "odd"), [(1, 0), (1, 1), (4, 3), (4, 4)])
 def test_interleaved(even, odd):
     e, o = parts(even), parts(odd)
-    for a, b, c in zip(e, o, interleaved(e, o), strict=True):
+    for a, b, c in zip(e, o, interleaved(e, o, even + odd), strict=True):
         np.testing.assert_array_equal(c[::2], a)
         np.testing.assert_array_equal(c[1::2], b)
-    check_transpose(interleaved, e, o)
+    check_transpose(lambda e, o: interleaved(e, o, even + odd), e, o)
 
 
 def summed(x, weights, ends, stride):
