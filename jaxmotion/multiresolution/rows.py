@@ -9,13 +9,11 @@ padded with zeros, and XLA then looks at every element to see whether it is padd
 transpose is one pass over the rows. O(T·J).
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 from jaxmotion.multiresolution.linear import linear
@@ -84,10 +82,11 @@ def window_sums(
     numbers (then ``ends`` pass no gradient), or f[rows, 1] where they differ by row."""
 
     def value(ends: Ends, x: Parts) -> Parts:
-        return tuple(_sums(y, weights, ends, stride) for y in x)
+        return tuple(_sums(_continued(y, ends), weights, stride) for y in x)
 
     def pull(ends: Ends, pull: Parts) -> tuple[Parts]:
-        return (tuple(_pulled(y, numbers, ends, stride, len(x[0])) for y in pull),)
+        rows = len(x[0]) + len(ends.front) + len(ends.back)
+        return (tuple(_pulled(_spread(y, numbers, stride, rows), ends) for y in pull),)
 
     numbers = [w for w in weights if isinstance(w, float)]
     if len(numbers) < len(weights):
@@ -95,106 +94,22 @@ def window_sums(
     return linear(value, pull, (ends,), (x,))
 
 
-def _sums(x: Array, weights: tuple, ends: Ends, stride: int) -> Array:
-    """Rows whose window lies within x by slices, the others one by one."""
-    front, back, taps = len(ends.front), len(ends.back), len(weights)
-    rows = (len(x) + front + back - taps) // stride + 1
-    first, last = -(-front // stride), (front + len(x) - taps) // stride + 1
-    stop = ends.stop + front
+def _continued(x: Array, ends: Ends) -> Array:
+    """x with F rows in front and room for B behind, all that ``ends`` says."""
+    front, back = len(ends.front), len(ends.back)
     before = _combined(ends.front, x[: ends.front.shape[1]])
+    longer = jnp.concatenate([before, x, jnp.zeros((back, *x.shape[1:]), x.dtype)])
     beyond = _combined(ends.back, _slice(x, ends.start, ends.back.shape[1]))
-
-    def some(i: Array) -> Array:
-        e = stride * i[:, None] + jnp.arange(taps)
-        own = _rows(x, e - front) + _rows(before, e)
-        behind = (e >= stop) & (e < stop + back)
-        continued = jnp.where(behind[:, :, None], _rows(beyond, e - stop), own)
-        w = [w if isinstance(w, float) else w[i] for w in weights]
-        return sum((v * continued[:, m] for m, v in enumerate(w)), start=jnp.zeros((), x.dtype))
-
-    def inner() -> Array:
-        return sum(
-            (
-                (w if isinstance(w, float) else w[first:last])
-                * x[stride * first - front + m :][: stride * (last - first - 1) + 1 : stride]
-                for m, w in enumerate(weights)
-            ),
-            start=jnp.zeros((), x.dtype),
-        )
-
-    by_end = -((taps - 1 - stop) // stride), (back + taps - 2) // stride + 1
-    return _assembled(rows, (first, last), inner, some, [by_end])
+    return _update(longer, beyond, ends.stop + front)
 
 
-def _pulled(y: Array, weights: list[float], ends: Ends, stride: int, rows: int) -> Array:
-    """The transpose of :func:`_sums` of so many rows, likewise."""
-    (front, reach), back = ends.front.shape, len(ends.back)
-    stop = ends.stop
-
-    def spread(e: Array) -> Array:
-        i = e[:, None] - jnp.arange(len(weights))
-        whole = jnp.where(i % stride == 0, i // stride, -1)
-        return jnp.sum(jnp.asarray(weights, y.dtype)[:, None] * _rows(y, whole), axis=1)
-
-    before, beyond = spread(jnp.arange(front)), spread(stop + front + jnp.arange(back))
-
-    def some(j: Array) -> Array:
-        replaced = (j >= stop) & (j < stop + back)
-        own = jnp.where(replaced[:, None], 0, spread(j + front))
-        by_front = _rows(_combined(ends.front.T, before), j)
-        return own + by_front + _rows(_combined(ends.back.T, beyond), j - ends.start)
-
-    # Row stride·k + c takes the weights q, q + stride, … of the sums from k + shift backwards.
-    classes = [((c + front) % stride, (c + front) // stride) for c in range(stride)]
-    longest = -(-len(weights) // stride)
-    lowest, highest = classes[0][1], classes[-1][1]
-    first, last = max(longest - 1 - lowest, 0), min(len(y) - highest, rows // stride)
-
-    def inner() -> Array:
-        sums = [
-            sum(
-                (
-                    w * y[first + shift - m : last + shift - m]
-                    for m, w in enumerate(weights[q::stride])
-                ),
-                start=jnp.zeros((), y.dtype),
-            )
-            for q, shift in classes
-        ]
-        return jnp.stack(sums, axis=1).reshape(-1, y.shape[1])
-
-    near = [(0, reach), (ends.start, ends.back.shape[1]), (stop, back)]
-    return _assembled(rows, (stride * first, stride * last), inner, some, near)
-
-
-def _assembled(
-    rows: int,
-    within: tuple[int, int],
-    inner: Callable[[], Array],
-    some: Callable[[Array], Array],
-    near: list[tuple[Array | int, int]],
-) -> Array:
-    """So many rows: inner() for those from ``within[0]`` to ``within[1]``, some(indices) for the
-    rest and for those ``near`` an end, (first, how many)."""
-    first, last = within
-    if last <= first:
-        return some(jnp.arange(rows))
-    near = [(0, first), (last, rows - last), *near]
-    sizes = [min(size, rows) for _, size in near]
-    starts = [jnp.clip(start, 0, rows - size) for (start, _), size in zip(near, sizes, strict=True)]
-    pairs = list(zip(starts, sizes, strict=True))
-    few = some(jnp.concatenate([start + jnp.arange(size) for start, size in pairs]))
-    middle = inner()
-    x = _update(jnp.zeros((rows, *middle.shape[1:]), middle.dtype), middle, first)
-    for (start, _), some_rows in zip(pairs, jnp.split(few, np.cumsum(sizes)[:-1]), strict=True):
-        x = _update(x, some_rows, start)
-    return x
-
-
-def _rows(x: Array, index: Array) -> Array:
-    """Some rows, zeros where there are none."""
-    inside = (index >= 0) & (index < len(x))
-    return jnp.where(inside[..., None], jnp.take(x, index, axis=0, mode="clip"), 0)
+def _pulled(pull: Array, ends: Ends) -> Array:
+    """The transpose of :func:`_continued`."""
+    front, back = len(ends.front), len(ends.back)
+    beyond = _slice(pull, ends.stop + front, back)
+    x = _update(pull, jnp.zeros_like(beyond), ends.stop + front)[front : len(pull) - back]
+    x = _added_rows(x, _combined(ends.front.T, pull[:front]), 0)
+    return _added_rows(x, _combined(ends.back.T, beyond), ends.start)
 
 
 def _added_rows(x: Array, rows: Array, start: Array | int) -> Array:
@@ -204,3 +119,39 @@ def _added_rows(x: Array, rows: Array, start: Array | int) -> Array:
 def _combined(matrix: Array, rows: Array) -> Array:
     """matrix @ rows, of a handful of rows."""
     return jnp.sum(matrix[:, :, None] * rows, axis=1)
+
+
+def _sums(x: Array, weights: tuple, stride: int) -> Array:
+    rows = (len(x) - len(weights)) // stride + 1
+    return sum(
+        (w * x[m : m + stride * (rows - 1) + 1 : stride] for m, w in enumerate(weights)),
+        start=jnp.zeros((), x.dtype),
+    )
+
+
+def _spread(pull: Array, weights: list[float], stride: int, rows: int) -> Array:
+    """The transpose of :func:`_sums` of so many rows."""
+    if stride == 2:
+        even = _spread(pull, weights[::2], 1, (rows + 1) // 2)
+        return _merged(even, _spread(pull, weights[1::2], 1, rows // 2))
+    taps, given = len(weights), len(pull)
+    reach = taps - 1
+    spare = jnp.zeros((rows - given - reach, *pull.shape[1:]), pull.dtype)
+    if given < 2 * taps:
+        return jnp.concatenate([_padded_sum(pull, weights), spare])
+    inner = sum(
+        (w * pull[reach - m : given - m] for m, w in enumerate(weights)),
+        start=jnp.zeros((), pull.dtype),
+    )
+    front = _padded_sum(pull[:reach], weights)[:reach]
+    back = _padded_sum(pull[given - reach :], weights)[reach:]
+    return jnp.concatenate([front, inner, back, spare])
+
+
+def _padded_sum(pull: Array, weights: list[float]) -> Array:
+    """Σ_m w_m x_{k−m}, zeros before and after x."""
+    reach = len(weights) - 1
+    return sum(
+        (w * jnp.pad(pull, ((m, reach - m), (0, 0))) for m, w in enumerate(weights)),
+        start=jnp.zeros((), pull.dtype),
+    )

@@ -135,6 +135,19 @@ def test_derivatives():
     assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves((value, slopes)))
 
 
+def test_a_gradient_keeps_little():
+    """What a gradient needs besides its input and output, in clips: what it computes twice it need
+    not keep."""
+    clip = swaying(600, joints=8)
+
+    def loss(rotations, gain):
+        pyramid = build_pyramid(clip.with_transforms(clip.translations, rotations), 1)
+        return jnp.sum(scale_details(pyramid, gain).rotations ** 2)
+
+    program = jax.jit(jax.grad(loss, (0, 1))).lower(clip.rotations, 1.1).compile()
+    assert program.memory_analysis().temp_size_in_bytes < 7 * np.asarray(clip.rotations).nbytes
+
+
 def test_programs_do_not_grow_with_the_levels():
     clip = swaying(1025, joints=1)
 

@@ -39,13 +39,15 @@ def test_every_second(rows):
         check_transpose(lambda *x, start=start: every_second(x, jnp.asarray(start), width), *x)
 
 
+@pytest.mark.parametrize("dropped", [0, 1])
 @pytest.mark.parametrize(("even", "odd"), [(1, 0), (1, 1), (4, 3), (4, 4)])
-def test_interleaved(even, odd):
-    e, o = parts(even), parts(odd)
-    for a, b, c in zip(e, o, interleaved(e, o, even + odd), strict=True):
-        np.testing.assert_array_equal(c[::2], a)
-        np.testing.assert_array_equal(c[1::2], b)
-    check_transpose(lambda e, o: interleaved(e, o, even + odd), e, o)
+def test_interleaved(even, odd, dropped):
+    e, o, rows = parts(even), parts(odd), max(even + odd - dropped, 1)
+    for a, b, c in zip(e, o, interleaved(e, o, rows), strict=True):
+        np.testing.assert_array_equal(c[::2], a[: (rows + 1) // 2])
+        np.testing.assert_array_equal(c[1::2], b[: rows // 2])
+        assert len(c) == rows
+    check_transpose(lambda e, o: interleaved(e, o, rows), e, o)
 
 
 def summed(x, weights, ends, stride):
