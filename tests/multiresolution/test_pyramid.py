@@ -11,6 +11,7 @@ from jaxmotion import quaternion
 from jaxmotion.multiresolution import build_pyramid, scale_details
 from tests.helpers import (
     assert_same_rotation,
+    check_gradients,
     no_shape_checks,
     random_quaternions,
 )
@@ -133,6 +134,34 @@ def test_derivatives():
     still = np.broadcast_to([1.0, 0, 0, 0], q.shape)
     value, slopes = both(still, np.ones(2))
     assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves((value, slopes)))
+
+
+@pytest.mark.parametrize(("frames", "levels"), [(152, 1), (9, 2)])
+def test_derivatives_by_poses_and_times(frames, levels):
+    """Both ways that a level is computed: for its own size, and in a loop."""
+    clip = swaying(frames, joints=1)
+    rng = np.random.default_rng(11)
+    times = jnp.asarray(np.cumsum(rng.uniform(0.5, 1.5, frames)))
+    weights = rng.standard_normal(clip.rotations.shape)
+
+    def edit(rotations, times):
+        moved = clip.with_transforms(clip.translations, rotations)
+        pyramid = build_pyramid(moved, levels, times=times)
+        return jnp.sum(weights * scale_details(pyramid, 1.7).rotations)
+
+    check_gradients(edit, clip.rotations, times, eps=1e-6)
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_long_clips_with_frames_to_spare(uneven):
+    long, count = swaying(330, joints=2), 301
+    times = jnp.asarray(np.cumsum(np.random.default_rng(12).uniform(0.5, 1.5, 330)))
+    times, some = (times, times[:count]) if uneven else (None, None)
+    want = build_pyramid(long[:count], 3, times=some)
+    got = build_pyramid(long, 3, times=times, length=count)
+    for a, b in zip(got.details, want.details, strict=True):
+        shorter = a.rotations[: len(b.rotations)]
+        np.testing.assert_allclose(shorter, b.rotations, atol=1e-12)
 
 
 def test_a_gradient_keeps_little():
