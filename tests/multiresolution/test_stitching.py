@@ -35,11 +35,14 @@ def test_only_the_seam_changes(clips):
     assert_same_rotation(bare.rotations[32], halfway)
 
 
-def test_lengths_that_do_not_halve_and_several_clips(clips):
-    a, b = clips
+@pytest.mark.parametrize("frames", [39, 40, 332])
+def test_lengths_that_do_not_halve_and_several_clips(frames):
+    a, b = swaying(frames, seed=0), swaying(frames, seed=1)
     got = stitch([a, b, a], 2)
-    assert got.num_frames == 23 + 22 + 22
-    assert_same_rotation(got.rotations[:6], a.rotations[:6])
+    assert got.num_frames == 3 * frames - 2
+    assert_same_rotation(got.rotations[: frames - 16], a.rotations[: frames - 16])
+    turned = stitch([a, b, a], 2, align=False).rotations[frames + 15 : 2 * frames - 17]
+    assert_same_rotation(turned, b.rotations[16 : frames - 16])
     assert got.frame_time == a.frame_time
     assert_same_rotation(stitch([a]).rotations, a.rotations)
 
