@@ -1,8 +1,8 @@
 """All levels in turn: down by R with what each leaves out, up by E with what each is given.
 
 The finest levels of a long clip are compiled for their own sizes; all others run as one loop over
-arrays padded to the largest, each with its own count of frames. The loop costs an eighth of a
-clip's work a level at most, and a gradient keeps padded arrays for it, so it is left to levels that
+arrays padded to the largest, each with its own count of frames. Each level there costs what the
+largest of them does, and a gradient keeps padded arrays for it, so the loop is left to levels that
 are short; compiling costs seven levels at most however many there are.
 """
 
@@ -58,9 +58,9 @@ def descend(
     for _ in range(unrolled):
         fine, description = halved(fine)
         kept.append(description)
-    if not isinstance(fine.turns, tuple):
-        fine = level_of(fine.translations, fine.rotations, fine.spacing, fine.count)
     if unrolled < levels:
+        if not isinstance(fine.turns, tuple):  # the loop carries steps
+            fine = level_of(fine.translations, fine.rotations, fine.spacing, fine.count)
         rows = len(fine.rotations.turn[0])
 
         def again(level: Level, _):

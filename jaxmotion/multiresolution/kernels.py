@@ -49,6 +49,7 @@ from jaxmotion.multiresolution.parts import (
     neighbours,
     parts_of,
     scaled,
+    subtracted,
     together,
 )
 from jaxmotion.quaternion.algebra import normalized, product
@@ -126,7 +127,7 @@ def _turning_pull(q: Parts, pull: Parts) -> Parts:
 
 
 def step(a: Rotations, b: Rotations, part: float = 1.0) -> Parts:
-    """That part of ω = log(a⁻¹b)."""
+    """part·ω, ω = log(a⁻¹b). A gradient keeps this and nothing else."""
 
     def value(a: Parts, b: Parts) -> Parts:
         return scaled(part, _step(a, b))
@@ -159,8 +160,7 @@ def _polynomial(coefficients: np.ndarray, x: Array) -> Array:
 def _step_of_turns(omega: Parts, turns: tuple[Parts, Parts]) -> Parts:
     """dω of the two rotations' turns: M(ω) δ_b − M(ω)ᵀ δ_a."""
     before, after = turns
-    difference = tuple(v - u for u, v in zip(before, after, strict=True))
-    mean = tuple(0.5 * (u + v) for u, v in zip(before, after, strict=True))
+    difference, mean = subtracted(after, before), scaled(0.5, added(before, after))
     twice = cross(omega, cross(omega, difference))
     bent = scaled(_inverse_jacobian_factor(dot(omega, omega)), twice)
     return added(added(difference, cross(omega, mean)), bent)
@@ -172,9 +172,7 @@ def _turns_of_step(omega: Parts, pull: Parts) -> tuple[Parts, Parts]:
     once = cross(omega, pull)
     twice = scaled(factor, cross(omega, once))
     even, odd = added(pull, twice), scaled(0.5, once)
-    by_before = tuple(-x - y for x, y in zip(even, odd, strict=True))
-    by_after = tuple(x - y for x, y in zip(even, odd, strict=True))
-    return by_before, by_after
+    return tuple(-x - y for x, y in zip(even, odd, strict=True)), subtracted(even, odd)
 
 
 def steps(r: Rotations, count: Array | None = None) -> tuple[Rotations, Parts]:
@@ -235,8 +233,8 @@ def _halfway(q: Parts, v: Parts) -> Parts:
 def _halfway_change(omega: Parts, v: Parts, by: tuple[Parts, Parts]) -> tuple[Parts, Parts]:
     turn, dv = by
     before, after = neighbours(turn)
-    difference = tuple(y - x for x, y in zip(before, after, strict=True))
-    middle = added(added(before, after), cross(_quarter_tangent(omega), difference))
+    bent = cross(_quarter_tangent(omega), subtracted(after, before))
+    middle = added(added(before, after), bent)
     return turn, _turn_of_turned(v, (scaled(0.5, middle), dv))
 
 
@@ -245,7 +243,7 @@ def _halfway_pull(omega: Parts, v: Parts, pull: tuple[Parts, Parts]) -> tuple[Pa
         by_middle, by_v = _turns_of_turned(v, pull)
         half = scaled(0.5, by_middle)
         bent = cross(_quarter_tangent(omega), half)
-        return added(half, bent), tuple(x - y for x, y in zip(half, bent, strict=True)), by_v
+        return added(half, bent), subtracted(half, bent), by_v
 
     by_turn, by_middle = pull
     before, after, by_v = fenced(turns, omega, v, by_middle)

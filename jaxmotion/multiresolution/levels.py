@@ -40,7 +40,7 @@ from jaxmotion.multiresolution.kernels import (
     turned_by,
 )
 from jaxmotion.multiresolution.masks import divided_difference
-from jaxmotion.multiresolution.parts import Parts, added, scaled
+from jaxmotion.multiresolution.parts import Parts, added, neighbours, scaled, subtracted
 from jaxmotion.multiresolution.rows import Ends, every_second, window_sums
 
 
@@ -66,7 +66,8 @@ def level_of(
     given: Array | None = None,
 ) -> Level:
     """Poses with their steps, or with the quaternions ``given`` for them."""
-    moves = among(count, tuple(x[1:] - x[:-1] for x in translations))
+    before, after = neighbours(translations)
+    moves = among(count, subtracted(after, before))
     if given is not None:
         return Level(translations, rotations, moves, given, spacing, count)
     rotations, turns = steps(rotations, count)
@@ -95,7 +96,7 @@ def even_frames(fine: Level) -> tuple[Parts, Rotations, Array | None]:
     near_r = Rotations(near_q, near_turn)
     last = count - 1 - start
     p, r = at(near_p, last), at(near_r, last)
-    move = tuple(y - x for x, y in zip(at(near_p, past), at(near_p, past + 1), strict=True))
+    move = subtracted(at(near_p, past + 1), at(near_p, past))
     turn = step(at(near_r, past), at(near_r, past + 1))
     odd, beyond = count % 2 == 1, (added(p, move), turned(r, turn))
     end_p, end_r = jax.tree.map(lambda a, b: jnp.where(odd, a, b), (p, r), beyond)

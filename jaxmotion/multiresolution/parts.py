@@ -56,6 +56,11 @@ def added(a: Parts, b: Parts) -> Parts:
     return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
+def subtracted(a: Parts, b: Parts) -> Parts:
+    """a − b."""
+    return tuple(x - y for x, y in zip(a, b, strict=True))
+
+
 def scaled(factor: Array | float, v: Parts) -> Parts:
     """factor · v."""
     return tuple(factor * x for x in v)

@@ -13,7 +13,15 @@ from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.kernels import Rotations, quaternions_of, rotations_of, step, turned
-from jaxmotion.multiresolution.parts import Parts, added, conjugate, parts_of, scaled, together
+from jaxmotion.multiresolution.parts import (
+    Parts,
+    added,
+    conjugate,
+    parts_of,
+    scaled,
+    subtracted,
+    together,
+)
 from jaxmotion.quaternion.algebra import rotated, running_signs
 
 Times: TypeAlias = Float[AnyArray, " time"]
@@ -25,8 +33,7 @@ def minus(poses: Poses, reference: Poses, moving: tuple[int, ...]) -> Vectors:
     """poses ⊖ reference in the body sense (Lee & Shin, Eq. 3); ``moving``: the joints that the
     translations are of."""
     (p, q), (e, r) = poses, reference
-    shift = tuple(x - y for x, y in zip(p, e, strict=True))
-    return rotated(conjugate(_of(r, moving)), shift), step(r, q, 0.5)
+    return rotated(conjugate(_of(r, moving)), subtracted(p, e)), step(r, q, 0.5)
 
 
 def plus(poses: Poses, displacement: Vectors, gains: Array, moving: tuple[int, ...]) -> Poses:
