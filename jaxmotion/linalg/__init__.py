@@ -26,17 +26,18 @@ from jaxmotion.linalg.block_banded import (
 from jaxmotion.linalg.difference_chain import (
     ChainFactor,
     DifferenceChain,
+    Knowledge,
     chain_covariance,
     chain_factor,
+    chain_knowledge,
     chain_log_det,
-    chain_matvec,
     chain_sample,
-    chain_solve,
+    chain_smooth,
 )
 from jaxmotion.linalg.parallel_chain import (
-    parallel_chain_covariance,
     parallel_chain_factor,
-    parallel_chain_solve,
+    parallel_chain_knowledge,
+    parallel_chain_smooth,
 )
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ __all__ = [
     "ChainFactor",
     "DifferenceChain",
     "GaussNewton",
+    "Knowledge",
     "LevenbergMarquardt",
     "banded_factor",
     "banded_log_det",
@@ -70,11 +72,11 @@ __all__ = [
     "block_banded_substitute",
     "chain_covariance",
     "chain_factor",
+    "chain_knowledge",
     "chain_log_det",
-    "chain_matvec",
     "chain_sample",
-    "chain_solve",
-    "parallel_chain_covariance",
+    "chain_smooth",
     "parallel_chain_factor",
-    "parallel_chain_solve",
+    "parallel_chain_knowledge",
+    "parallel_chain_smooth",
 ]

@@ -1,41 +1,57 @@
-"""Smoothest sequence through weighted observations, solved as a chain of (position, velocity).
+"""Smoothest sequence through weighted readings, solved as a chain of (position, velocity).
 
-    minimise over x:   sum_j p_j (v_{j+1} - v_j)^2                       curvature penalty
-                     + sum_j [n0_j x_j^2 - 2 n1_j x_j v_j + n2_j v_j^2]  observations, speed penalty
-                     - 2 sum_j b_j x_j
-
-that is, solve ``P x = b`` for the pentadiagonal P of that quadratic form.
+    minimise over x:   sum_j p_j (v_{j+1} - v_j - c_j)^2     curvature penalty
+                     + sum_j n_j (x_j - g_j v_j - z_j)^2     readings
+                     + sum_j (r_j v_j^2 - 2 f_j v_j)         speed penalty and push
 
     x_j  position at frame j = 0 .. T-1      v_j = x_j - x_{j-1}, its backward difference (v_0 = 0)
     p_j  penalty on the change of velocity from frame j to j+1; p_0 = p_{T-1} = 0
-    n    information added at frame j: an observation of weight w placed ``g`` frames before frame j
-         reads x_j - g v_j and adds (w, w g, w g^2); a first-difference prior q v_j^2 adds q to n2
+    n_j  weight of what was read ``g_j`` frames before frame j, g in [0, 1]
+    r_j  weight that keeps v_j small: a first-difference prior
+    z, f, c   the reading, the push on v_j and the change of velocity expected, per channel
 
-Shapes: frames first, ``(T, *channels)``; every coefficient ``(T, *k)``, each axis of ``k`` equal to
-that channel axis or 1. Coefficients shared by all channels (``k`` all ones) are factored once.
-Cost: O(T) time and memory, two passes over the data.
+P is the matrix of that quadratic form. Shapes: frames first; z, f, c and x ``(T, *channels)``;
+every coefficient ``(T, *k)``, each axis of ``k`` equal to that channel axis or 1. Coefficients
+shared by all channels (``k`` all ones) are factored once. Cost: O(T) time and memory, two passes.
 
-Elimination. Keep the information matrix ``[[a, b], [b, d]]`` and vector ``(h, k)`` of the state
-``(x_j, v_j)`` given all frames before; start from a = b = 0, d = 1. Then for each frame
+Several readings of one frame are one: with n the sum of their weights w, and g and z the means by
+w, what is left is ``r = sum w (g_i - g)^2`` and ``f = -sum w (g_i - g) (z_i - z)``.
 
-    observe        a += n0          b -= n1      d += n2             h += b_j
-    eliminate v_j  a' = a - b beta  b' = rho b   d' = rho d          h' = h - beta k  k' = rho k
-    x_j = x+ - v+  a  = a'          b = b' - a'  d = d' - 2 b' + a'  h  = h'          k  = k' - h'
+Elimination. What frames before j know of ``(x_j, v_j)`` is kept as two squares and a slope,
+``a (x - m v - y)^2 + d v^2 - 2 k v``; start from a = m = y = k = 0, d = 1. Then for each frame
 
-with ``D = d + p``, ``beta = b / D``, ``rho = p / D``; and backwards, from ``x_{T-1} = h / a`` with
-v+ = 0,
+    shift          m += 1                            for x_{j-1} = x_j - v_j
+    read           A = a + n
+                   d += a n (m - g)^2 / A + r        two readings apart tell of the velocity
+                   k += a n (m - g) (z - y) / A + f
+                   m, y = (a m + n g) / A, (a y + n z) / A
+    eliminate v_j  D = d + p, rho = p / D            v_j given v_{j+1}
+                   y += m k / D - m rho c            k = rho (k + d c)
+                   a = 1 / (1 / a + m^2 / D)         m *= rho     d *= rho
 
-    x_j = x+ - v+  v_j = rho v+ - beta x_j + k / D
+and backwards, from ``x_{T-1} = y`` with v+ = 0,
 
-Noise of variance 1/D in place of ``k / D`` draws from N(0, 1/P); the second moment of that
-recursion is the selected inverse of P; ``det P = a_{T-1} prod D_j``. These are the information
-filter and the backward smoother of an integrated random walk (Kailath, Sayed and Hassibi, *Linear
-Estimation*, 2000, ch. 9-10).
+    x_j = x+ - v+      v_j = (p (v+ - c) + k + a m (x_j - y)) / (D + a m^2)
 
-Sharp bits: this order of elimination is what keeps float32 usable. A plain pentadiagonal LDL^T
-stores ``6 p + n0`` and has lost ``n0`` once p passes 1/eps; here they never share a sum. P must be
-positive definite (two observed positions where a curvature penalty carries the chain, one where a
-speed penalty does): nothing here checks it. Entry 0 of n1 and n2 must be zero.
+Noise of variance ``1 / (D + a m^2)`` in place of the data draws from N(0, 1/P); ``det P`` is the
+product of those pivots and of the last a. The same pass from the other end, with ``1 - g`` for g,
+gives what later frames know of (x_j, v_j), ``alpha (x + mu v)^2 + beta v^2``, and the two together
+every marginal:
+
+    var v = 1 / (d + beta + a alpha (m + mu)^2 / (a + alpha))
+    var x = var v (a m^2 + alpha mu^2 + d + beta) / (a + alpha)
+    cov(x, v) = var v (a m - alpha mu) / (a + alpha)
+
+These are the information filters of an integrated random walk (Kailath, Sayed and Hassibi, *Linear
+Estimation*, 2000, ch. 9-10) with every matrix in factors.
+
+Sharp bits: only positive numbers are added, multiplied and divided, so that float32 keeps its
+digits whatever the size of p beside n: from the spline through keys hundreds of frames apart
+(p -> 0) to the straight line (p -> infinity). A pentadiagonal LDL^T stores ``6 p + n`` and has lost
+n once p passes 1/eps; a plain information matrix of (x, v) has lost the velocity once p falls below
+eps. P must be positive definite (two positions read where a curvature penalty carries the chain,
+one where a speed penalty does): nothing here checks it. Entry 0 of g and r must be zero. Where
+nothing was read before, weights of exactly 0 have no derivative.
 """
 
 from functools import partial
@@ -45,127 +61,290 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float, PRNGKeyArray
 
 
 class DifferenceChain(eqx.Module):
-    """The matrix P of the quadratic form above: ``p, n0, n1, n2``, each ``(T, *k)``."""
+    """The coefficients ``p, n, g, r`` of the quadratic form above, each ``(T, *k)``."""
 
     curvature: Float[Array, "frames ..."] = eqx.field(converter=jnp.asarray)
-    position: Float[Array, "frames ..."] = eqx.field(converter=jnp.asarray)
-    cross: Float[Array, "frames ..."] = eqx.field(converter=jnp.asarray)
+    weight: Float[Array, "frames ..."] = eqx.field(converter=jnp.asarray)
+    back: Float[Array, "frames ..."] = eqx.field(converter=jnp.asarray)
     speed: Float[Array, "frames ..."] = eqx.field(converter=jnp.asarray)
 
 
+class Information(NamedTuple):
+    """``a (x - m v)^2 + d v^2``: what is known of a state (x, v), all entries >= 0."""
+
+    position: Array
+    lever: Array
+    velocity: Array
+
+
 class State(NamedTuple):
-    """Symmetric 2x2 matrix over (position, velocity): information ``a, b, d``, or covariance."""
+    """Covariance of a state (position, velocity), symmetric, 2 by 2."""
 
     position: Array
     cross: Array
     velocity: Array
 
 
+class Knowledge(NamedTuple):
+    """What two sides know of one state (x, v): ``later`` as ``a (x + m v)^2 + d v^2``."""
+
+    earlier: Information
+    later: Information
+
+    def covariance(self, back: Array | float = 0.0) -> State:
+        """Covariance of ``(x - back v, v)``."""
+        (a, m, d), (alpha, mu, beta) = self.earlier, self.later
+        m, mu = m - back, mu + back
+        share, other = a / (a + alpha), alpha / (a + alpha)
+        velocity = 1 / (d + beta + a * other * (m + mu) ** 2)
+        position = (share * m * m + other * mu * mu + (d + beta) / (a + alpha)) * velocity
+        return State(position, (share * m - other * mu) * velocity, velocity)
+
+
 class ChainFactor(eqx.Module):
-    """``p``, ``beta``, ``1/D`` of every frame ``(T, *k)``; ``precision``: ``a`` of the last."""
+    """What frames 0 .. j know of (x_j, v_j), each entry of ``info`` ``(T, *k)``."""
 
-    curvature: Float[Array, "frames ..."]
-    beta: Float[Array, "frames ..."]
-    inverse_pivot: Float[Array, "frames ..."]
-    precision: Float[Array, "..."]
+    chain: DifferenceChain
+    info: Information
+
+    @property
+    def spread(self) -> Array:
+        """``D``: precision of v_j given v_{j+1} and all frames before."""
+        return self.info.velocity + self.chain.curvature
+
+    @property
+    def pivot(self) -> Array:
+        """``D + a m^2``: precision of v_j given x_j too."""
+        return self.spread + self.info.position * self.info.lever**2
+
+    @property
+    def precision(self) -> Array:
+        """``a`` of x_{T-1} in the end, ``(*k)``."""
+        last = jax.tree.map(lambda entry: entry[-1], self.info)
+        return eliminate(last, self.chain.curvature[-1]).position
 
 
-def eliminate(info: State, curvature: Array) -> tuple[State, Array, Array]:
-    """Drop v_j, then write x_j as x+ - v+: information of the next state, ``beta`` and ``1/D``."""
-    a, b, d = info
-    inverse_pivot = 1 / (d + curvature)
-    beta, rho = b * inverse_pivot, curvature * inverse_pivot
-    a, b, d = a - b * beta, rho * b, rho * d
-    return State(a, b - a, d - 2 * b + a), beta, inverse_pivot
+def over(x: Array, y: Array) -> Array:
+    """``x / y``, 0 where y is 0."""
+    return jnp.where(y > 0, x / jnp.where(y > 0, y, 1), 0)
+
+
+def shifted(info: Information) -> Information:
+    """The same knowledge, in terms of the next frame's position."""
+    return info._replace(lever=info.lever + 1)
+
+
+def with_reading(info: Information, weight: Array, back: Array, speed: Array) -> Information:
+    """Add a reading ``back`` frames before the frame, and a weight ``speed`` on the velocity."""
+    a, m, d = info
+    total = a + weight
+    scale = over(jnp.ones_like(total), total)
+    lever = jnp.where(total > 0, (a * m + weight * back) * scale, back)
+    return Information(total, lever, d + a * weight * scale * (m - back) ** 2 + speed)
+
+
+def eliminate(info: Information, curvature: Array) -> Information:
+    """Drop v for the next velocity, which differs from it with precision ``curvature``."""
+    a, m, d = info
+    spread = d + curvature
+    pivot = spread + a * m * m
+    rho = over(curvature, spread)
+    return Information(jnp.where(pivot > 0, a * over(spread, pivot), a), m * rho, d * rho)
 
 
 @jax.jit
 def chain_factor(chain: DifferenceChain) -> ChainFactor:
     """Eliminate frame after frame, O(T). Differentiable, as a scan."""
-    inputs = (chain.curvature, chain.position, chain.cross, chain.speed)
-    shape = jnp.broadcast_shapes(*(leaf.shape[1:] for leaf in inputs))
-
-    def step(info, inputs):
-        p, n0, n1, n2 = inputs
-        seen = State(info.position + n0, info.cross - n1, info.velocity + n2)
-        info, beta, inverse_pivot = eliminate(seen, p)
-        return info, (beta, inverse_pivot)
-
-    zero = jnp.zeros(shape, chain.position.dtype)
-    last, gains = lax.scan(step, State(zero, zero, zero + 1), inputs)
-    return ChainFactor(chain.curvature, *gains, last.position)
+    nothing = _nothing(chain)
+    start = nothing._replace(velocity=nothing.velocity + 1)
+    return ChainFactor(chain, _known(start, chain))
 
 
-@jax.jit
-def chain_matvec(chain: DifferenceChain, x: Float[Array, "frames ..."]) -> Array:
-    """``P x``, written with differences so that a smooth ``x`` loses no digits."""
-    if x.shape[0] == 1:
-        return chain.position * x
-    cross, v = chain.cross[1:], x[1:] - x[:-1]
-    bend = chain.curvature[1:-1] * (v[1:] - v[:-1])
-    along_v = chain.speed[1:] * v - cross * x[1:] + _shifted(bend, 1) - _shifted(bend, 0)
-    return chain.position * x + _shifted(along_v - cross * v, 1) - _shifted(along_v, 0)
+def _nothing(chain: DifferenceChain) -> Information:
+    shape = jnp.broadcast_shapes(*(leaf.shape[1:] for leaf in jax.tree.leaves(chain)))
+    return Information(*[jnp.zeros(shape, chain.weight.dtype)] * 3)
 
 
-def _shifted(x: Array, before: int) -> Array:
-    """``x`` with one frame of zeros, before it or after it."""
-    return jnp.pad(x, [(before, 1 - before)] + [(0, 0)] * (x.ndim - 1))
+def _known(start: Information, chain: DifferenceChain, reverse: bool = False) -> Information:
+    """What is known once each frame is read, before its velocity is eliminated."""
+
+    def step(info, chain):
+        seen = with_reading(shifted(info), chain.weight, chain.back, chain.speed)
+        return eliminate(seen, chain.curvature), seen
+
+    return lax.scan(step, start, chain, reverse=reverse)[1]
 
 
 @jax.jit
-def chain_solve(chain: DifferenceChain, b: Float[Array, "frames ..."]) -> Array:
-    """Solve ``P x = b``; ``b`` and ``x`` are ``(T, *channels)``. Exact when ``b = P constant``.
+def chain_smooth(
+    chain: DifferenceChain,
+    readings: Float[Array, "frames ..."],
+    push: Float[Array, "frames ..."] | None = None,
+) -> Array:
+    """The minimiser x ``(T, *channels)`` for readings z and a push f ``(T, *channels)``.
 
-    Derivatives in ``b`` and in every coefficient, of any order and in both modes, are implicit:
-    another solve with the same factor, never a differentiated scan.
+    What is read with weight 0 does not count, but must be finite. Exact for readings that are all
+    equal. Derivatives in everything, of any order and in both modes, are implicit: another solve
+    with the same factor, never a differentiated scan. A weight of 0 has none.
     """
-    fixed = lax.stop_gradient(chain)
-    factor, weight = chain_factor(fixed), row_sums(fixed)
-
-    def solve(_, b):
-        return _substitute(factor, weight, b)
-
-    return lax.custom_linear_solve(partial(chain_matvec, chain), b, solve, symmetric=True)
+    return smoothest(chain_factor, _substituted, chain, readings, push)
 
 
-def row_sums(chain: DifferenceChain) -> Array:
-    """``P 1``."""
-    return (chain.position - chain.cross).at[:-1].add(chain.cross[1:])
+def smoothest(factored, solve, chain: DifferenceChain, z: Array, f: Array | None) -> Array:
+    """``solve(factored(chain), z, f, None, level)`` with the derivatives of a minimiser.
+
+    ``level``: a constant near x; solving for the rest keeps digits. It changes nothing else.
+    """
+    # Any level will do: the first reading costs nothing.
+    first = jnp.argmax(chain.weight > 0, axis=0, keepdims=True)
+    level = jnp.take_along_axis(z, jnp.broadcast_to(first, (1, *z.shape[1:])), axis=0)[0]
+    return _smoothest(factored, solve, chain, z, f, lax.stop_gradient(level))
 
 
-def level_of(weight: Array, b: Array) -> Array:
-    """A constant near x, from ``weight = P 1``: solving for the rest keeps digits."""
-    # Any level will do: the first observed frame's own value costs nothing.
-    first = jnp.argmax(weight > 0, axis=0, keepdims=True)
-    seen = jnp.take_along_axis(b, jnp.broadcast_to(first, (1, *b.shape[1:])), axis=0)[0]
-    return seen / jnp.take_along_axis(weight, first, axis=0)[0]
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _smoothest(factored, solve, chain, z, f, level) -> Array:
+    return solve(factored(chain), z, f, None, level)
 
 
-def _substitute(factor: ChainFactor, weight: Array, b: Array) -> Array:
-    """Substitute ``b - level * (P 1)`` forwards and back; the level is added at the end."""
-    level = level_of(weight, b)
+@partial(_smoothest.defjvp, symbolic_zeros=True)
+def _smoothest_jvp(factored, solve, primals, tangents):
+    """The factor is shared by the value and its derivatives."""
+    (chain, z, f, level), (rate, dz, df, _) = primals, tangents
+    primals = chain, factored(chain), z, f, None, level
+    return _solved_jvp(solve, primals, (rate, None, dz, df, None, None))
 
-    def forward(data, inputs):
-        h, k = data
-        p, beta, inverse_pivot, n, b = inputs
-        h, offset = h + (b - n * level) - beta * k, k * inverse_pivot
-        return (h, p * offset - h), offset
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _solved(solve, chain: DifferenceChain, factor: ChainFactor, z, f, c, level) -> Array:
+    """``solve``, which is linear in z, f and c; ``chain`` carries the derivatives of ``factor``.
+
+    Where JAX takes loops apart it drops the rule; the function's own derivative is the same.
+    """
+    return solve(factor, z, f, c, level)
+
+
+@partial(_solved.defjvp, symbolic_zeros=True)
+def _solved_jvp(solve, primals, tangents):
+    """The tangent minimises the same form with other readings, pushes and changes of velocity."""
+    (chain, factor, z, f, c, level), (rate, _, dz, df, dc, _) = primals, tangents
+    x = _solved(solve, chain, factor, z, f, c, level)
+    v = jnp.concatenate([jnp.zeros_like(x[:1]), x[1:] - x[:-1]])
+    miss = x - chain.back * v - z
+    terms_z, terms_f, terms_c = ([] if _is_zero(t) else [t] for t in (dz, df, dc))
+    if not _is_zero(rate.weight):
+        terms_z.append(-over(rate.weight, chain.weight) * miss)
+    if not _is_zero(rate.back):
+        terms_z.append(rate.back * v)
+        terms_f.append(chain.weight * rate.back * miss)
+    if not _is_zero(rate.speed):
+        terms_f.append(-rate.speed * v)
+    if not _is_zero(rate.curvature):
+        bend = jnp.pad(v[2:] - v[1:-1], [(1, x.shape[0] > 1)] + [(0, 0)] * (x.ndim - 1))
+        bend = bend if c is None else bend - c
+        terms_c.append(-over(rate.curvature, chain.curvature) * bend)
+    none = jnp.zeros_like(x)
+    dz = sum(terms_z, none)
+    df, dc = (sum(terms, none) if terms else None for terms in (terms_f, terms_c))
+    return x, _solved(solve, chain, factor, dz, df, dc, None)
+
+
+def _is_zero(tangent) -> bool:
+    return tangent is None or isinstance(tangent, SymbolicZero)
+
+
+class Gains(NamedTuple):
+    """The numbers of the two passes, ``(T, *k)``: ``y += take (z - y)``, ``k += pull (z - y)``,
+    ``y += lean k``, ``k *= rho``; ``v = inverse k + hold (x - y) + slack v+``."""
+
+    take: Array
+    pull: Array
+    lean: Array
+    rho: Array
+    inverse: Array
+    hold: Array
+    slack: Array
+
+
+def gains(factor: ChainFactor) -> Gains:
+    """Vectorised over frames."""
+    chain, (a, m, _) = factor.chain, factor.info
+    earlier, spread, inverse = _before(factor), factor.spread, 1 / factor.pivot
+    take = over(chain.weight, a)
+    pull = take * earlier.position * (earlier.lever - chain.back)
+    lean, rho = over(m, spread), over(chain.curvature, spread)
+    return Gains(take, pull, lean, rho, inverse, a * m * inverse, chain.curvature * inverse)
+
+
+def expected(factor: ChainFactor, c: Array | None) -> tuple[Array, Array, Array] | None:
+    """What a change of velocity c takes from y and adds to k, and takes from k on the way back."""
+    if c is None:
+        return None
+    lever, velocity = factor.info.lever, factor.info.velocity
+    rho = over(factor.chain.curvature, factor.spread)
+    return lever * rho * c, velocity * rho * c, factor.chain.curvature * c
+
+
+def _substituted(factor: ChainFactor, z, f, c, level) -> Array:
+    """Forwards and back, linear in z, f and c; None for what is zero."""
+    by = gains(factor)
+    level = jnp.zeros((), z.dtype) if level is None else level
+
+    def forward(state, inputs):
+        y, k = state
+        z, f, c, by = inputs
+        apart = z - level - y
+        y, k = y + by.take * apart, k + by.pull * apart
+        k = k if f is None else k + f
+        y_next, k_next, k_back = y + by.lean * k, by.rho * k, k
+        if c is not None:
+            toward, change, ahead = c
+            y_next, k_next, k_back = y_next - toward, k_next + change, k - ahead
+        return (y_next, k_next), by.inverse * k_back - by.hold * y
 
     def backward(state, inputs):
         x, v = state
-        p, beta, inverse_pivot, offset = inputs
+        slack, hold, offset = inputs
         x = x - v
-        return (x, p * inverse_pivot * v - beta * x + offset), x + level
+        return (x, slack * v + hold * x + offset), x + level
 
-    gains = (factor.curvature, factor.beta, factor.inverse_pivot)
-    zero = jnp.zeros_like(level)
-    (h, _), offsets = lax.scan(forward, (zero, zero), (*gains, weight, b))
-    _, x = lax.scan(backward, (h / factor.precision, zero), (*gains, offsets), reverse=True)
-    return x
+    zero = jnp.zeros_like(z[0])
+    (end, _), offsets = lax.scan(forward, (zero, zero), (z, f, expected(factor, c), by))
+    return lax.scan(backward, (end, zero), (by.slack, by.hold, offsets), reverse=True)[1]
+
+
+def _before(factor: ChainFactor) -> Information:
+    """What frames 0 .. j - 1 know of (x_j, v_j)."""
+    after = shifted(eliminate(factor.info, factor.chain.curvature))
+    return jax.tree.map(lambda e: jnp.concatenate([jnp.zeros_like(e[:1]), e[:-1]]), after)
+
+
+def chain_knowledge(factor: ChainFactor) -> Knowledge:
+    """What is known of (x_j, v_j) from either side, ``(T, *k)``. Differentiable, as scans."""
+    return knowledge(factor, _known_after(factor))
+
+
+def _known_after(factor: ChainFactor) -> Information:
+    """What frames j + 1 .. know of (x_j, v_{j+1}), as ``a (x + m v)^2 + d v^2``, j = 0 .. T-2."""
+    known = _known(_nothing(factor.chain), mirrored(factor.chain), reverse=True)
+    return jax.tree.map(lambda entry: entry[1:], known)
+
+
+def mirrored(chain: DifferenceChain) -> DifferenceChain:
+    """The coefficients as the pass from the last frame to the first meets them, frames in order."""
+    curvature = jnp.concatenate([jnp.zeros_like(chain.curvature[:1]), chain.curvature[:-1]])
+    return DifferenceChain(curvature, chain.weight, 1 - chain.back, chain.speed)
+
+
+def knowledge(factor: ChainFactor, after: Information) -> Knowledge:
+    """Both sides of every (x_j, v_j), from what frames j + 1 .. know of (x_j, v_{j+1})."""
+    later = eliminate(after, factor.chain.curvature[:-1])
+    last = jax.tree.map(lambda e: jnp.zeros_like(e[-1:]), factor.info)
+    return Knowledge(factor.info, jax.tree.map(lambda *e: jnp.concatenate(e), later, last))
 
 
 @jax.jit
@@ -173,23 +352,57 @@ def chain_covariance(factor: ChainFactor) -> State:
     """Selected inverse of P: covariance of every (x_j, v_j), each entry ``(T, *k)``.
 
     Gives the lag-one covariance too: ``cov(x_{j-1}, x_j) = position_j - cross_j``. Frame 0 has no
-    velocity: zeros. Differentiable, as a scan.
+    velocity: zeros. Differentiable, as scans.
     """
+    position, cross, velocity = chain_knowledge(factor).covariance()
+    return State(position, cross.at[0].set(0), velocity.at[0].set(0))
 
-    def backward(cov, gains):
-        p, beta, inverse_pivot = gains
-        rho = p * inverse_pivot
-        before = cov.position - 2 * cov.cross + cov.velocity  # var(x+ - v+)
-        lagged = cov.cross - cov.velocity  # cov(x+ - v+, v+)
-        cross = rho * lagged - beta * before
-        velocity = rho * rho * cov.velocity - 2 * rho * beta * lagged + beta * beta * before
-        cov = State(before, cross, velocity + inverse_pivot)
-        return cov, cov
 
-    zero = jnp.zeros_like(factor.precision)
-    gains = (factor.curvature, factor.beta, factor.inverse_pivot)
-    _, cov = lax.scan(backward, State(1 / factor.precision, zero, zero), gains, reverse=True)
-    return State(cov.position, cov.cross.at[0].set(0), cov.velocity.at[0].set(0))
+def chain_squared_inverse(factor: ChainFactor) -> Array:
+    """Diagonal of P^-2, ``sum_i cov(x_i, x_j)^2``, ``(T, *k)``, O(T): how fast the variance of
+    each position falls as weight is added on all."""
+    chain, after = factor.chain, _known_after(factor)
+    (a, m, d), (alpha, mu, beta) = sides = knowledge(factor, after)
+    _, cross, v = sides.covariance()
+    share, other, both = a / (a + alpha), alpha / (a + alpha), (d + beta) / (a + alpha)
+    near = v * (other * mu * (m + mu) + both)  # cov(x - m v, x)
+    far = v * (share * m * (m + mu) + both)  # cov(x + mu v, x)
+
+    none = jax.tree.map(lambda e: jnp.zeros_like(e[:1]), factor.info)
+    backwards = ChainFactor(
+        jax.tree.map(lambda e: e[::-1], mirrored(chain)),
+        jax.tree.map(lambda none, e: jnp.concatenate([e[::-1], none]), none, after),
+    )
+    earlier, _ = _weighed(factor, jnp.zeros_like(chain.back))
+    _, later = _weighed(backwards, jnp.ones_like(chain.back))
+    later = jax.tree.map(lambda none, e: jnp.concatenate([e[:-1][::-1], none]), State(*none), later)
+    return _form(earlier, near, cross) + _form(later, far, -cross)
+
+
+def _form(state: State, x: Array, v: Array) -> Array:
+    return state.position * x * x + 2 * state.cross * x * v + state.velocity * v * v
+
+
+def _weighed(factor: ChainFactor, back: Array) -> tuple[State, State]:
+    """What unit weights on all that lies ``back`` frames before a frame add to the information of
+    (x - m v, v): with the frame's own, and once its velocity is eliminated, about the next."""
+    by, (_, m, _), earlier = gains(factor), factor.info, _before(factor)
+    turned = m - earlier.lever
+    kept = factor.spread * by.inverse
+
+    def step(state, inputs):
+        turned, arm, kept, hold, rho = inputs
+        a, c, d = state
+        d = d + 2 * c * turned + a * turned * turned + arm * arm
+        c = c + a * turned + arm
+        a = a + 1
+        seen = State(a, c, d)
+        after = State(_form(seen, kept, hold), rho * (c * kept + d * hold), rho * rho * d)
+        return after, (seen, after)
+
+    none = jax.tree.map(lambda e: jnp.zeros_like(e[0]), factor.info)
+    inputs = (turned, m - back, kept, by.hold, by.rho)
+    return lax.scan(step, State(*none), inputs)[1]
 
 
 @jax.custom_jvp
@@ -199,44 +412,57 @@ def chain_log_det(chain: DifferenceChain) -> Array:
 
 
 def _log_det(factor: ChainFactor) -> Array:
-    return jnp.log(factor.precision) - jnp.sum(jnp.log(factor.inverse_pivot), axis=0)
+    return jnp.log(factor.precision) + jnp.sum(jnp.log(factor.pivot), axis=0)
 
 
 @chain_log_det.defjvp
 def _chain_log_det_jvp(primals, tangents):
     (chain,), (change,) = primals, tangents
     factor = chain_factor(chain)
-    cov = chain_covariance(factor)
-    rate = jnp.sum(change.curvature[1:-1] * _bend_variance(factor, cov), axis=0) + jnp.sum(
-        change.position * cov.position - 2 * change.cross * cov.cross + change.speed * cov.velocity,
-        axis=0,
-    )
-    return _log_det(factor), rate
+    after = _known_after(factor)
+    x, cross, v = knowledge(factor, after).covariance(chain.back)
+    rate = change.weight * x - 2 * chain.weight * change.back * cross + change.speed * v
+    bends = change.curvature[1:-1] * _bend_variance(factor, after)
+    return _log_det(factor), jnp.sum(rate, axis=0) + jnp.sum(bends, axis=0)
 
 
-def _bend_variance(factor: ChainFactor, cov: State) -> Array:
-    """Variance of ``v_{j+1} - v_j``, j = 1 .. T-2, off the back substitution."""
-    beta, inverse_pivot = factor.beta[1:-1], factor.inverse_pivot[1:-1]
-    slack = 1 - factor.curvature[1:-1] * inverse_pivot - beta
-    position, cross, velocity = (entry[2:] for entry in cov)
-    return (
-        beta * beta * position + 2 * beta * slack * cross + slack * slack * velocity + inverse_pivot
-    )
+def _bend_variance(factor: ChainFactor, after: Information) -> Array:
+    """Variance of ``v_{j+1} - v_j``, j = 1 .. T-2, from both sides of the bend."""
+    a, m, d = jax.tree.map(lambda e: e[1:-1], factor.info)
+    alpha, mu, beta = jax.tree.map(lambda e: e[1:], after)
+    both = a * over(alpha, a + alpha)
+    moved = both * (m + mu) ** 2 + d + beta
+    share, other = over(d, moved), over(beta, moved)
+    known = both * (mu * mu * share + m * m * other) + beta * share
+    return 1 / (factor.chain.curvature[1:-1] + known)
 
 
 @partial(jax.jit, static_argnames="channels")
 def chain_sample(factor: ChainFactor, key: PRNGKeyArray, channels: tuple[int, ...]) -> Array:
-    """One draw of N(0, 1/P), ``(T, *channels)``, independent over channels. Differentiable."""
-    gains = (factor.curvature, factor.beta, factor.inverse_pivot)
-    frames, dtype = factor.beta.shape[0], factor.beta.dtype
+    """One draw of N(0, 1/P), ``(T, *channels)``, independent over channels. Differentiable.
+
+    Steps from frame to frame are written out from where the frames before hold on, not from the
+    position, which may be far away while it is drawn between two distant readings.
+    """
+    a, m, _ = factor.info
+    pivot, rho = factor.pivot, over(factor.chain.curvature, factor.spread)
+    earlier = _before(factor)
+    ahead = over(
+        earlier.position * (earlier.lever - 1) - factor.chain.weight * (1 - factor.chain.back), a
+    )  # m - 1, no digits lost
+    frames, dtype = m.shape[0], m.dtype
     noise = jax.random.normal(key, (frames + 1, *channels), dtype)
 
     def backward(state, inputs):
         x, v = state
-        p, beta, inverse_pivot, noise = inputs
-        x = x - v
-        v = p * inverse_pivot * v - beta * x + jnp.sqrt(inverse_pivot) * noise
-        return (x, v), x
+        m, ahead, rho, loose, hold, width, noise = inputs
+        v = rho * v
+        apart = x - m * v
+        noise = width * noise
+        v = v + hold * apart + noise
+        return (loose * apart - m * noise + ahead * v, v), x
 
-    end = (noise[-1] / jnp.sqrt(factor.precision), jnp.zeros_like(noise[-1]))
-    return lax.scan(backward, end, (*gains, noise[:-1]), reverse=True)[1]
+    gains = (m, ahead, rho, factor.spread / pivot, a * m / pivot, 1 / jnp.sqrt(pivot))
+    end = noise[-1] / jnp.sqrt(factor.precision)
+    start = (end, jnp.zeros_like(end))
+    return lax.scan(backward, start, (*gains, noise[:-1]), reverse=True)[1]

@@ -11,6 +11,8 @@ Shapes: data ``(Nd, *channels)``, frames ``(Nf, *channels)``, weights ``(Nd, *k)
 ``k`` equal to that channel axis or 1. Everything is O(Nd + Nf).
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -19,7 +21,18 @@ from jaxtyping import Array, Float, Int
 
 from jaxmotion._numerics import Fault
 from jaxmotion._types import ArrayLike
-from jaxmotion.linalg.difference_chain import State
+from jaxmotion.linalg.difference_chain import Knowledge, over
+
+
+class Readings(NamedTuple):
+    """What the data of each frame say, ``(Nf, *k)``, the last two ``(Nf, *channels)``: weight, how
+    many frames before the frame, weight on the velocity; value, push on the velocity or None."""
+
+    weight: Array
+    back: Array
+    speed: Array
+    value: Array
+    push: Array | None
 
 
 class Observations(eqx.Module):
@@ -36,32 +49,32 @@ class Observations(eqx.Module):
         frame = jnp.arange(self.num_frames) if self.frame is None else self.frame
         return frame.astype(dtype) - (0 if self.back is None else self.back)
 
-    def information(self, dtype: jnp.dtype, axes: int) -> tuple[Array, Array, Array]:
-        """``A^T W A`` as the sums of (w, w g, w g^2) at each frame: three ``(Nf, *k)`` arrays."""
-        count = self.num_frames if self.frame is None else self.frame.shape[0]
-        ones = jnp.ones((count, *[1] * axes), dtype)
-        weights = ones if self.weights is None else self.weights
-        none = jnp.zeros((self.num_frames, *[1] * axes), dtype)
+    def readings(self, y: Float[Array, "data ..."]) -> Readings:
+        """The data of each frame as one reading (``linalg.difference_chain``)."""
+        weights = self.weights
+        if weights is None:
+            weights = jnp.ones((y.shape[0], *[1] * (y.ndim - 1)), y.dtype)
         if self.frame is None:
-            return weights, none, none
-        empty = jnp.zeros((self.num_frames, *weights.shape[1:]), dtype)
-        n0 = empty.at[self.frame].add(weights)
+            none = jnp.zeros_like(weights)
+            return Readings(weights, none, none, y, None)
+        weight = self._summed(weights)
         if self.back is None:
-            return n0, none, none
-        back = _column(self.back, axes)
-        n1 = empty.at[self.frame].add(weights * back)
-        return n0, n1, empty.at[self.frame].add(weights * back * back)
+            none = jnp.zeros_like(weight)
+            return Readings(weight, none, none, over(self._summed(weights * y), weight), None)
+        back = _column(self.back, y.ndim - 1)
+        middle = over(self._summed(weights * back), weight)
+        value = over(self._summed(weights * y), weight)
+        apart = weights * (back - middle[self.frame])
+        speed = self._summed(apart * (back - middle[self.frame]))
+        return Readings(
+            weight, middle, speed, value, -self._summed(apart * (y - value[self.frame]))
+        )
 
-    def to_frames(self, y: Float[Array, "data ..."]) -> Array:
-        """``A^T W y``."""
-        y = y if self.weights is None else self.weights * y
-        if self.frame is None:
-            return y
-        empty = jnp.zeros((self.num_frames, *y.shape[1:]), y.dtype)
-        if self.back is None:
-            return empty.at[self.frame].add(y)
-        carried = _column(self.back, y.ndim - 1) * y
-        return empty.at[self.frame].add(y - carried).at[self.frame - 1].add(carried)
+    def _summed(self, values: Array) -> Array:
+        """``values (Nd, ...)`` summed frame by frame."""
+        return (
+            jnp.zeros((self.num_frames, *values.shape[1:]), values.dtype).at[self.frame].add(values)
+        )
 
     def at_data(self, x: Float[Array, "frames ..."]) -> Array:
         """``A x``."""
@@ -72,16 +85,14 @@ class Observations(eqx.Module):
         now = x[self.frame]
         return now - _column(self.back, x.ndim - 1) * (now - x[self.frame - 1])
 
-    def leverage(self, covariance: State) -> Array:
-        """``w_i a_i Cov a_i^T`` of every datum, a_i its row of A, from the covariance of (position,
-        velocity) at every frame."""
-        x, cross, v = covariance
+    def leverage(self, knowledge: Knowledge) -> Array:
+        """``w_i a_i Cov a_i^T`` of every datum, a_i its row of A, from what is known of every
+        frame."""
         if self.frame is not None:
-            x, cross, v = (entry[self.frame] for entry in (x, cross, v))
-        if self.back is not None:
-            back = _column(self.back, x.ndim - 1)
-            x = x - 2 * back * cross + back * back * v
-        return x if self.weights is None else self.weights * x
+            knowledge = jax.tree.map(lambda entry: entry[self.frame], knowledge)
+        back = 0.0 if self.back is None else _column(self.back, knowledge.earlier.position.ndim - 1)
+        variance = knowledge.covariance(back).position
+        return variance if self.weights is None else self.weights * variance
 
 
 def observe(
@@ -108,7 +119,10 @@ def observe(
     frame = back = None
     if isinstance(t, jax.Array) or (t is not None and not np.array_equal(t, np.arange(num_frames))):
         frame, back = _split(t, num_frames, dtype)
-    found = Observations(frame, back, None if w is None else jnp.asarray(w, dtype), num_frames)
+    if w is not None:
+        w_found = jnp.asarray(w, dtype)
+        w_found = jnp.where(w_found > 0, w_found, 0)  # no derivative where nothing was seen
+    found = Observations(frame, back, None if w is None else w_found, num_frames)
     if isinstance(t, jax.Array) or isinstance(w, jax.Array):
         faults.append((_not_distinct(found, dtype, need), _too_few(need)))
     return found, faults

@@ -19,8 +19,6 @@ Sharp bits: with lam, sigma or weights per channel, gains are summed over the di
 the variance, in the unit of y. Ties go to the earliest frame.
 """
 
-import dataclasses
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -30,6 +28,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg import DifferenceChain, chain_covariance, chain_factor
+from jaxmotion.linalg.difference_chain import chain_squared_inverse
 from jaxmotion.smoothing.lgs import Posterior
 
 
@@ -73,27 +72,31 @@ def suggest_keys(
 @eqx.filter_jit
 def _suggest(posterior: Posterior, n: int, allowed: Array) -> KeySuggestions:
     chain, sigma = posterior._chain, posterior._sigma  # the chain is sigma^2 times the precision
-    axes = tuple(range(1, chain.position.ndim))
+    shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(chain)))
+    chain = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, shape), chain)
+    axes = tuple(range(1, len(shape)))
 
     def round_(state, _):
-        position, allowed = state
-
-        def variances(position):
-            return _variance(chain, position)
-
-        v, slope = jax.jvp(variances, (position,), (jnp.ones_like(position),))
-        gains = jnp.sum(-(sigma**2) * slope / (v + 1), axis=axes)
+        chain, allowed = state
+        factor = chain_factor(chain)
+        v = chain_covariance(factor).position
+        gains = jnp.sum(sigma**2 * chain_squared_inverse(factor) / (v + 1), axis=axes)
         best = jnp.argmax(jnp.where(allowed, gains, -jnp.inf))
-        state = position.at[best].add(1), allowed.at[best].set(False)
-        return state, (best, v)
+        return (_with_key(chain, best), allowed.at[best].set(False)), (best, v)
 
-    shape = jnp.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(chain)))
-    start = jnp.broadcast_to(chain.position, shape), allowed
-    (position, _), (chosen, before) = lax.scan(round_, start, length=n)
-    after = jnp.concatenate([before[1:], _variance(chain, position)[None]])
+    (chain, _), (chosen, before) = lax.scan(round_, (chain, allowed), length=n)
+    after = chain_covariance(chain_factor(chain)).position
+    after = jnp.concatenate([before[1:], after[None]])
     return KeySuggestions(chosen, jax.vmap(posterior._per_frame)(after))
 
 
-def _variance(chain: DifferenceChain, position: Array) -> Array:
-    chain = dataclasses.replace(chain, position=position)
-    return chain_covariance(chain_factor(chain)).position
+def _with_key(chain: DifferenceChain, frame: Array) -> DifferenceChain:
+    """One more reading of weight 1, on the frame; with what was read before, it is one reading."""
+    weight, back = chain.weight[frame], chain.back[frame]
+    apart = weight * back / (weight + 1)
+    return DifferenceChain(
+        chain.curvature,
+        chain.weight.at[frame].add(1),
+        chain.back.at[frame].set(apart),
+        chain.speed.at[frame].add(apart * back),
+    )

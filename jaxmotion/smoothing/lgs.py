@@ -28,8 +28,10 @@ contrasts free of level and slope (restricted likelihood) times ``det(X^T X)^(-1
 (1, t_i) of the observed data.
 
 Cost O(Nd + Nf): shared lam, sigma and weights are factored once for all channels. Solved for the
-positions and velocities (``linalg.difference_chain``): float32 holds five digits at lam sigma
-= 1e4, where a banded float32 Cholesky breaks down.
+positions and velocities (``linalg.difference_chain``): float32 holds five digits from lam sigma
+= 1e-6 to 1e4 and across gaps of 200 frames, where a banded Cholesky breaks down in either dtype. As
+lam sigma goes to 0 the mean goes to the smoothest curve through the data (order 2: the discrete
+cubic spline), as it grows to their straight line (order 1: their level).
 
 Sharp bits: with Nf = 1, or Nf = 2 at order 2, there is no prior row: plain weighted least squares.
 Float32 extrapolation loses digits as the square of (frames beyond the data / span of the data).
@@ -48,16 +50,16 @@ from jaxmotion._numerics import Fault, raise_faults
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg import (
     DifferenceChain,
-    chain_covariance,
+    Knowledge,
     chain_factor,
+    chain_knowledge,
     chain_log_det,
     chain_sample,
-    chain_solve,
-    parallel_chain_covariance,
-    parallel_chain_factor,
-    parallel_chain_solve,
+    chain_smooth,
+    parallel_chain_knowledge,
+    parallel_chain_smooth,
 )
-from jaxmotion.linalg.difference_chain import State
+from jaxmotion.linalg.parallel_chain import lost_digits
 from jaxmotion.smoothing.design import Observations, observe
 
 
@@ -82,13 +84,13 @@ class Posterior(eqx.Module):
     def variance(self) -> Array:
         """Variance of each frame: ``(Nf,)`` when lam, sigma and weights are shared by all channels,
         else ``(Nf, *k)``, which broadcasts against the mean. O(Nf)."""
-        return self._per_frame(self._covariance().position)
+        return self._per_frame(self._knowledge().covariance().position)
 
     @property
     def lag_one_covariance(self) -> Array:
         """Covariance of frames j and j + 1, ``(Nf - 1,)`` or ``(Nf - 1, *k)``. O(Nf)."""
-        cov = self._covariance()
-        return self._per_frame(cov.position[1:] - cov.cross[1:])
+        x, cross, _ = self._knowledge().covariance()
+        return self._per_frame(x[1:] - cross[1:])
 
     @property
     def fitted(self) -> Array:
@@ -99,7 +101,7 @@ class Posterior(eqx.Module):
     def leverage(self) -> Array:
         """``w_i`` times the posterior variance of ``(A x)_i`` over ``sigma^2``: the diagonal of the
         hat matrix, ``(Nd, *k)``; its sum is the effective number of parameters. O(Nf + Nd)."""
-        return self._observations.leverage(self._covariance())
+        return self._observations.leverage(self._knowledge())
 
     @property
     def energy(self) -> Array:
@@ -118,10 +120,10 @@ class Posterior(eqx.Module):
         noise = jax.vmap(lambda key: chain_sample(factor, key, self.mean.shape[1:]))(keys)
         return (self.mean + self._sigma * noise).reshape(*shape, *self.mean.shape)
 
-    def _covariance(self) -> State:
+    def _knowledge(self) -> Knowledge:
         if self._parallel:
-            return parallel_chain_covariance(parallel_chain_factor(self._chain))
-        return chain_covariance(chain_factor(self._chain))
+            return parallel_chain_knowledge(self._chain)
+        return chain_knowledge(chain_factor(self._chain))
 
     def _per_frame(self, covariance: Array) -> Array:
         covariance = covariance * self._sigma**2
@@ -152,13 +154,14 @@ def lgs(
     order: 2 smooths velocities (Eq. 6), 1 positions (Eq. 7).
     scale: "half" or "unit" rows of L (order 2 only).
     weights: ``(Nd,)`` or ``(Nd, *k)``, >= 0, dividing the noise variance; 0 is missing, whatever y
-        holds there.
+        holds there, and has no derivative.
     stiffness: ``(Nf,)`` or ``(Nf, *k)``, > 0: lam of each frame is lam times this, so that the
         prior may be firm here and yield there. Order 2: of the second difference centred on the
         frame (the ends have none); order 1: of the step into the frame (frame 0 has none).
     parallel: find mean, variance, lag-one covariance and leverage in O(log Nf) steps one after
-        another, with more work: for a GPU or TPU (``linalg.parallel_chain``); same answers.
-        Evidence and samples are sequential either way.
+        another, with more work: for a GPU or TPU (``linalg.parallel_chain``); same answers, or an
+        error where gaps are too long and lam * sigma too small for the dtype. Evidence and samples
+        are sequential either way.
 
     Differentiable in y, lam, sigma, weights, stiffness and a fractional index, in both modes.
     Raises ValueError on wrong shapes and on values known to Python to be wrong; values inside JAX
@@ -203,15 +206,21 @@ def _lgs(
     # Everything is multiplied by sigma^2: plain data are then their own right-hand side.
     lam_of_frames = lam if stiffness is None else lam * stiffness
     curvature, speed = _penalties(lam_of_frames, sigma, seen.num_frames, order, scale)
-    n0, n1, n2 = seen.information(y.dtype, y.ndim - 1)
-    chain = DifferenceChain(curvature, n0, n1, n2 + speed)
-    solve = parallel_chain_solve if parallel else chain_solve
-    mean = solve(chain, seen.to_frames(y))
+    data = seen.readings(y)
+    chain = DifferenceChain(curvature, data.weight, data.back, data.speed + speed)
+    smooth = parallel_chain_smooth if parallel else chain_smooth
+    mean = smooth(chain, data.value, data.push)
+    if parallel:
+        lossy = (
+            "parallel=True loses digits over gaps this long at a lam * sigma this small for its "
+            "dtype: leave it out"
+        )
+        faults = [*faults, (jnp.any(lost_digits(chain) > 1e-3), lossy)]
     # Any NaN or infinity of the data reaches every frame of its channel.
     unusable = (
         ~jnp.all(jnp.isfinite(mean[0])),
         "y holds NaN or infinite values (give missing data weight 0), "
-        "or lam * sigma is too large for its dtype",
+        "or lam * sigma is too large or too small for its dtype",
     )
     # Every quantity of the posterior is made of one of these.
     mean, sigma = raise_faults((mean, sigma), [*faults, unusable])

@@ -2,21 +2,22 @@
 
     returned at frame t:  x_{t-lag} of the LGS (order 2) of frames 0 .. t
 
-The recursion of ``linalg.difference_chain``, run as frames arrive. Keep the information about
-s = (x_t, v_t) given frames 0 .. t, and every frame of the window as a linear function of s,
+The recursion of ``linalg.difference_chain`` and its symbols, run as frames arrive. Keep what frames
+0 .. t know of (x_t, v_t), and every frame of the window as a linear function of the two,
 
     x_j = phi_j + u_j x_t + w_j v_t  + what later frames cannot change,       j = t - lag .. t
 
-Eliminating v_t and writing x_t = x+ - v+, v_t = rho v+ - beta x_t + k / D, gives
+Eliminating v_t, with x_t = x+ - v+ and v_t = slack v+ + hold x_t + o,
 
-    phi' = phi + w k / D        u' = u - beta w        w' = rho w - u'
+    hold = a m / (D + a m^2)     slack = p / (D + a m^2)     o = k / (D + a m^2) - hold y
 
-for the whole window at once: no pass backwards, and no prior guess of the first frames is needed.
+gives ``phi' = phi + w o``, ``u' = u + hold w``, ``w' = slack w - u'`` for the whole window at once:
+no pass backwards, and no prior guess of the first frames is needed.
 
     lam, sigma  as for ``lgs``; only their product matters here        lag  frames of delay
     y           frame ``(*channels,)``, any unit; rotations: ``(*joints, 4)`` unit quaternions
 
-Cost O(lag) a frame and in memory, whatever the length of the stream. The gains ``u, w, beta`` are
+Cost O(lag) a frame and in memory, whatever the length of the stream. The gains ``u, w, hold`` are
 shared by all channels that share lam, sigma and weight. What frames after t would still change in
 x_{t-lag} falls as exp(-lag / sqrt(2 rho)), rho = lam sigma in unit, half of it in half scale.
 
@@ -31,23 +32,29 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike
-from jaxmotion.linalg.difference_chain import State, eliminate
+from jaxmotion.linalg.difference_chain import (
+    Information,
+    eliminate,
+    over,
+    shifted,
+    with_reading,
+)
 
 
 class StreamState(eqx.Module):
     """What a stream remembers; ``(*k)`` is the shape of lam, sigma and the weights together."""
 
-    information: State  # about (x_t, v_t), each (*k)
-    vector: tuple[Array, Array]  # information vector (h, k), each (*channels)
+    information: Information  # about (x_t, v_t), each (*k)
+    vector: tuple[Array, Array]  # where it is centred, y, and slope in v_t, k, each (*channels)
     offset: Float[Array, "window *channels"]  # phi, oldest frame first
     gains: tuple[Array, Array]  # u and w, each (window, *k)
     level: Float[Array, "*channels"]  # first value seen; all else is relative to it
-    seen: Int[Array, "..."]  # frames seen, up to 2, (*k)
+    seen: Bool[Array, "..."]  # whether any frame was seen, (*k)
     curvature: Float[Array, "..."]  # penalty of v_{t+1} - v_t from the next frame on, (*k)
     reference: Float[Array, "*channels"]  # last frame seen, signs aligned
     frame: Int[Array, ""]  # frames taken in
@@ -108,12 +115,12 @@ class StreamingSmoother(eqx.Module):
         none, blank = jnp.zeros(k, frame.dtype), jnp.zeros_like(frame)
         window = (self.lag + 1, *k)
         return StreamState(
-            State(none, none, none + 1),
+            Information(none, none, none + 1),
             (blank, blank),
             jnp.zeros((self.lag + 1, *frame.shape), frame.dtype),
             (jnp.ones(window, frame.dtype), jnp.zeros(window, frame.dtype)),
             blank,
-            jnp.zeros(k, jnp.int32),
+            jnp.zeros(k, bool),
             curvature,
             blank,
             jnp.zeros((), jnp.int32),
@@ -199,49 +206,51 @@ class StreamingSmoother(eqx.Module):
         w = eqx.error_if(w, ~jnp.all((w >= 0) & jnp.isfinite(w)), "weight must be finite and >= 0")
         shared = tuple(axis for axis, size in enumerate(k) if size == 1)
         whole = jnp.all(jnp.isfinite(frame), axis=shared, keepdims=True)
-        return jnp.where(whole, self._spread(w, frame.ndim), 0)
+        w = self._spread(w, frame.ndim)
+        return jnp.where(whole & (w > 0), w, 0)  # no derivative where nothing was seen
 
 
 def _advance(state: StreamState) -> StreamState:
     """Eliminate v_t and write everything as functions of (x_{t+1}, v_{t+1})."""
     # v_0 is no difference of frames: nothing ties v_1 to it.
     curvature = jnp.where(state.frame == 1, 0, state.curvature)
-    information, beta, inverse_pivot = eliminate(state.information, curvature)
-    rho = curvature * inverse_pivot
-    (h, k), (u, w) = state.vector, state.gains
-    offset = k * inverse_pivot
-    h = h - beta * k
-    u_next = u - beta * w
+    a, m, d = state.information
+    (y, k), (u, w) = state.vector, state.gains
+    spread = d + curvature
+    inverse = over(jnp.ones_like(spread), spread + a * m * m)
+    hold = a * m * inverse
+    offset = inverse * k - hold * y
+    u_next = u + hold * w
     return eqx.tree_at(
         lambda s: (s.information, s.vector, s.offset, s.gains),
         state,
         (
-            information,
-            (h, curvature * offset - h),
+            shifted(eliminate(state.information, curvature)),
+            (y + over(m, spread) * k, over(curvature, spread) * k),
             state.offset + w * offset,
-            (u_next, rho * w - u_next),
+            (u_next, curvature * inverse * w - u_next),
         ),
     )
 
 
 def _observe(state: StreamState, frame: Array, weight: Array) -> StreamState:
     """Add the frame's information, and the frame itself to the window's end."""
-    present = weight > 0
-    level = jnp.where((state.seen == 0) & present, frame, state.level)
-    (h, k), (u, w) = state.vector, state.gains
-    information = eqx.tree_at(
-        lambda s: s.position, state.information, state.information.position + weight
-    )
+    level = jnp.where(~state.seen & (weight > 0), frame, state.level)
+    a, m, _ = state.information
+    (y, k), (u, w) = state.vector, state.gains
+    none = jnp.zeros_like(weight)
+    take = over(weight, a + weight)
+    apart = frame - level - y
     return StreamState(
-        information,
-        (h + weight * (frame - level), k),
+        with_reading(state.information, weight, none, none),
+        (y + take * apart, k + take * a * m * apart),
         jnp.concatenate([state.offset[1:], jnp.zeros_like(frame)[None]]),
         (
             jnp.concatenate([u[1:], jnp.ones_like(u[:1])]),
             jnp.concatenate([w[1:], jnp.zeros_like(w[:1])]),
         ),
         level,
-        jnp.minimum(state.seen + present.astype(state.seen.dtype), 2),
+        state.seen | (weight > 0),
         state.curvature,
         frame,
         state.frame + 1,
@@ -250,12 +259,10 @@ def _observe(state: StreamState, frame: Array, weight: Array) -> StreamState:
 
 def _filtered(state: StreamState) -> tuple[Array, Array]:
     """(x_t, v_t) given frames 0 .. t; with fewer than two seen, at rest at the first."""
-    a, b, d = state.information
-    h, k = state.vector
-    known = state.seen == 2
-    beta = jnp.where(known, b / d, 0)
-    x = jnp.where(known, h - beta * k, 0) / jnp.where(known, a - beta * b, 1)
-    return x, jnp.where(known, k / d - beta * x, 0)
+    _, m, d = state.information
+    y, k = state.vector
+    v = over(k, d)
+    return y + m * v, v
 
 
 def _checked(name: str, value: ArrayLike) -> Array:

@@ -7,16 +7,21 @@ import pytest
 
 from jaxmotion.linalg import (
     DifferenceChain,
-    chain_covariance,
     chain_factor,
-    chain_solve,
-    parallel_chain_covariance,
+    chain_knowledge,
+    chain_smooth,
     parallel_chain_factor,
-    parallel_chain_solve,
+    parallel_chain_knowledge,
+    parallel_chain_smooth,
 )
 from jaxmotion.smoothing import lgs
 from tests.helpers import assert_jit_and_vmap_agree, assert_trees_close, check_gradients
-from tests.linalg.test_difference_chain import as_chain, dense_matrix, random_chain
+from tests.linalg.test_difference_chain import (
+    as_chain,
+    dense_matrix,
+    dense_solution,
+    random_chain,
+)
 
 
 @pytest.mark.parametrize("frames", [1, 2, 3, 9])
@@ -24,16 +29,16 @@ def test_matches_dense(frames, dtype):
     coefficients = random_chain(frames)
     dense, v = dense_matrix(*(c[:, 0] for c in coefficients))
     chain = as_chain(coefficients, dtype)
-    b = np.random.default_rng(1).standard_normal((frames, 2)).astype(dtype)
+    z, f = np.random.default_rng(1).standard_normal((2, frames, 2)).astype(dtype)
     tol = (1e-9, 1e-11) if dtype == np.float64 else (2e-3, 2e-3)
-    x = parallel_chain_solve(chain, b)
+    x = parallel_chain_smooth(chain, z, f)
     assert x.dtype == dtype
-    np.testing.assert_allclose(x, np.linalg.solve(dense, b), *tol)
+    np.testing.assert_allclose(x, dense_solution(*(c[:, 0] for c in coefficients), z, f), *tol)
     inverse = np.linalg.inv(dense)
-    cov = parallel_chain_covariance(parallel_chain_factor(chain))
+    cov = parallel_chain_knowledge(chain).covariance()
     np.testing.assert_allclose(cov.position[:, 0], np.diag(inverse), *tol)
-    np.testing.assert_allclose(cov.cross[:, 0], np.diag(inverse @ v.T), *tol)
-    np.testing.assert_allclose(cov.velocity[:, 0], np.diag(v @ inverse @ v.T), *tol)
+    np.testing.assert_allclose(cov.cross[1:, 0], np.diag(inverse @ v.T)[1:], *tol)
+    np.testing.assert_allclose(cov.velocity[1:, 0], np.diag(v @ inverse @ v.T)[1:], *tol)
 
 
 @pytest.mark.parametrize("product", [1.0, 30.0, 1e3])
@@ -43,26 +48,30 @@ def test_equals_the_sequential_solve_over_long_gaps(product):
     p[[0, -1]] = 0
     w[:20] = w[100:160] = w[250:480] = 0
     chain = DifferenceChain(p, w, 0 * w, 0 * w)
-    b = w * np.cumsum(rng.standard_normal((500, 2)), 0)
-    want, got = chain_solve(chain, b), parallel_chain_solve(chain, b)
+    z = np.cumsum(rng.standard_normal((500, 2)), 0)
+    want, got = chain_smooth(chain, z), parallel_chain_smooth(chain, z)
     np.testing.assert_allclose(got, want, rtol=0, atol=1e-9 * np.max(np.abs(want)))
     one, other = chain_factor(chain), parallel_chain_factor(chain)
-    assert_trees_close(other, one, rtol=1e-9, atol=1e-14)
-    assert_trees_close(parallel_chain_covariance(other), chain_covariance(one), rtol=1e-9)
+    assert_trees_close(other.pivot, one.pivot, rtol=1e-9, atol=1e-14)
+    known = chain_knowledge(one).covariance(), parallel_chain_knowledge(chain).covariance()
+    assert_trees_close(*known, rtol=1e-8, atol=1e-12)
 
 
 def test_derivatives_jit_and_vmap():
     chain = as_chain(random_chain(5, k=(2,)))
-    b = np.random.default_rng(3).standard_normal((5, 2))
+    z = np.random.default_rng(3).standard_normal((5, 2))
 
-    def both(p, n0, b):
-        moved = eqx.tree_at(lambda c: (c.curvature, c.position), chain, (p, n0))
-        cov = parallel_chain_covariance(parallel_chain_factor(moved))
-        return parallel_chain_solve(moved, b), cov.position
+    def both(more, heavier, z):
+        moved = eqx.tree_at(
+            lambda c: (c.curvature, c.weight),
+            chain,
+            (chain.curvature * jnp.exp(more), chain.weight * jnp.exp(heavier)),
+        )
+        return parallel_chain_smooth(moved, z), parallel_chain_knowledge(moved).covariance()[0]
 
-    inner = jnp.asarray([0.0, 1, 1, 1, 0])[:, None]
-    check_gradients(lambda p, n0, b: both(p * inner, n0, b), chain.curvature, chain.position, b)
-    assert_jit_and_vmap_agree(both, chain.curvature, chain.position, b, rtol=1e-9, atol=1e-11)
+    none = jnp.zeros((5, 2))
+    check_gradients(both, none, none, z)
+    assert_jit_and_vmap_agree(both, none, none, z, rtol=1e-9, atol=1e-11)
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -75,3 +84,14 @@ def test_smoother_in_parallel(order):
 
     for got, want in zip(smooth(y, 3.0, True), smooth(y, 3.0, False), strict=True):
         np.testing.assert_allclose(got, want, rtol=1e-9, atol=1e-11)
+
+
+@pytest.mark.parametrize(("product", "gap"), [(1e-3, 10), (1e-4, 60)])
+def test_digits_that_parallel_steps_would_lose_are_refused(product, gap):
+    """float32, keys far apart, hardly any stiffness: an error instead of wrong numbers."""
+    y = np.random.default_rng(5).uniform(-1, 1, 5).astype(np.float32)
+    index = gap * np.arange(5)
+    with pytest.raises(Exception, match="parallel=True loses digits"):
+        lgs(y, product, 1.0, index=index, parallel=True).mean.block_until_ready()
+    every = lgs(y, product, 1.0, parallel=True).mean  # no gap, nothing to lose
+    np.testing.assert_allclose(every, y, atol=1e-5)
