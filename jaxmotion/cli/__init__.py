@@ -10,27 +10,27 @@ never waits for them.
 | ``_app`` | finds the commands; exit codes; no tracebacks |
 | ``_options`` | options that commands share |
 | ``_files`` | files, folders and globs in; where each output goes |
-| ``_batch`` | files through an edit: processes, progress, failures, summary |
+| ``_batch`` | files through an edit: progress, failures, summary |
+| ``_workers`` | files side by side, in processes |
 | ``_work`` | one file through an edit |
 | ``_joining`` | several clips into one file |
-| ``_session`` | float64, the compile cache, the notice while compiling |
+| ``_session``, ``_cache`` | float64, the notice while compiling; the compile cache |
+| ``_terminal`` | everything that is printed |
+| ``_leaving`` | signals, and what must not be left undone |
 | ``_progress``, ``_report`` | what is told on the way, and at the end |
 
-Exit codes: 0 success, 1 some files failed, 2 usage, 3 ``check`` found problems, 130 interrupted.
+Exit codes: 0 success, 1 some files failed, 2 usage, 3 ``check`` found problems, 130 interrupted,
+143 terminated (128 + the signal's number).
 """
-
-import signal
-import sys
 
 
 def main() -> None:
     """Entry point of the ``jaxmotion`` script."""
+    from jaxmotion.cli import _leaving
+
+    _leaving.on_signals()
+    from jaxmotion.cli import _terminal
     from jaxmotion.cli._app import app
 
-    signal.signal(signal.SIGTERM, leave)
+    _terminal.make_ready()
     app(prog_name="jaxmotion")
-
-
-def leave(signum, frame) -> None:
-    """A signal handler that leaves by an exception, so that half-written files are removed."""
-    sys.exit(128 + signum)

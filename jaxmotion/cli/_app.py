@@ -1,7 +1,6 @@
 """The table of commands, loaded one by one as needed, and how every run ends."""
 
 import importlib
-import os
 import pkgutil
 import sys
 import traceback
@@ -11,6 +10,8 @@ from typing import Any
 import click
 
 from jaxmotion import __version__, cli
+from jaxmotion._plain import in_words, printable
+from jaxmotion.cli._terminal import refusal, say, show, silence
 
 
 class CommandTable(click.Group):
@@ -35,7 +36,7 @@ class CommandTable(click.Group):
         except Exception as error:
             debug = bool(ctx.meta.get("jaxmotion.debug"))
             if debug:
-                traceback.print_exc()
+                say(*traceback.format_exc().splitlines(), err=True)
             raise click.ClickException(described(error, debug=debug)) from None
 
     def main(
@@ -53,13 +54,15 @@ class CommandTable(click.Group):
             code = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
             sys.stdout.flush()
         except click.ClickException as error:
-            error.show()
+            show(error)
             code = error.exit_code
         except (click.Abort, KeyboardInterrupt):
-            click.echo("Interrupted.", err=True)
+            say("Interrupted.", err=True)
             code = 130
-        except BrokenPipeError:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        except OSError as error:  # of the last flush: all others have become a ClickException
+            silence(sys.stdout)
+            if not isinstance(error, BrokenPipeError):
+                show(refusal(error))
             code = 1
         sys.exit(code if isinstance(code, int) else 0)
 
@@ -71,11 +74,11 @@ def described(error: BaseException, *, debug: bool = False) -> str:
     if isinstance(error, MotionFileError):
         return str(error)
     if isinstance(error, OSError) and error.strerror:
-        where = f"{click.format_filename(error.filename)}: " if error.filename else ""
-        return f"{where}{error.strerror}"
-    if isinstance(error, MemoryError):
-        return "not enough memory for this file"
+        where = f"{printable(error.filename)}: " if error.filename else ""
+        return f"{where}{in_words(error)}"
     text = " ".join(str(error).split()) or "no message"
+    if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in text:
+        return "not enough memory for this file"
     if not isinstance(error, (ValueError, OSError)):
         text = f"unexpected {type(error).__name__}: {text}"
     return text if debug else f"{text} (--debug shows where)"
@@ -91,4 +94,7 @@ def app() -> None:
 
     FILES are files, folders (searched through) or patterns such as 'takes/*.bvh'. Edited files go
     to -o, never over their originals.
+
+    Exit codes: 0 success, 1 some files failed, 2 usage, 3 check found problems, 130 interrupted,
+    143 terminated.
     """

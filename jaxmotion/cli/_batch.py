@@ -1,13 +1,10 @@
 """Many files through one process: who goes where, one after the other or side by side, what failed.
 
-Files that fail do not stop the others unless asked. With several processes each sets up JAX for
-itself (``spawn``), and stops cleanly when the run is interrupted: nothing half-written stays.
+Files that fail do not stop the others unless asked. Nothing half-written stays: not of this run if
+it is interrupted, not of one before that was killed.
 """
 
-import multiprocessing
-import signal
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
 from functools import partial
 from itertools import chain
@@ -16,10 +13,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jaxmotion.cli import _files, _session, leave
+from jaxmotion._plain import irregular, printable
+from jaxmotion.cli import _files, _session
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Batch, Running, Selection
 from jaxmotion.cli._progress import Progress
+from jaxmotion.cli._terminal import say
 from jaxmotion.cli._work import Editing, Outcome, edit_file, guarded
 
 if TYPE_CHECKING:
@@ -61,25 +60,28 @@ def run(
     """
     report = batch.report
     if report is not None and report.exists() and not (batch.overwrite or batch.resume):
-        raise click.UsageError(f"{click.format_filename(report)} exists; add --overwrite")
+        raise click.UsageError(f"{report} exists; add --overwrite")
     early, ready = _sorted_out(jobs, batch, writes or _files_of)
     if batch.dry_run:
         for outcome in early:
-            click.echo(f"{_arrow(outcome.job)}: {outcome.message}")
+            say(f"{_arrow(outcome.job)}: {outcome.message}")
         for job in ready:
-            click.echo(_arrow(job))
-        click.echo(f"{len(ready)} files would be written.", err=True)
+            say(_arrow(job))
+        say(f"{len(ready)} files would be written.", err=True)
         raise click.exceptions.Exit(0)
-    outcomes = _run_all(process, early, ready, batch, running)
+    outputs = [path for job in jobs for path in (writes or _files_of)(job.target)]
+    clear = _files.clearing([*outputs, *([report] if report else [])])
+    clear()
+    outcomes = _run_all(process, early, ready, batch, running, clear)
     if report is not None:
         from jaxmotion.cli._report import write_report
 
         write_report(report, outcomes)
     counts = {s: sum(o.status == s for o in outcomes) for s in ("written", "skipped", "failed")}
     if len(jobs) > 1:
-        click.echo(", ".join(f"{n} {s}" for s, n in counts.items() if n) + ".", err=True)
+        say(", ".join(f"{n} {s}" for s, n in counts.items() if n) + ".", err=True)
         if left := len(jobs) - len(outcomes):
-            click.echo(f"Stopped at the first failure; {left} not tried.", err=True)
+            say(f"Stopped at the first failure; {left} not tried.", err=True)
     raise click.exceptions.Exit(1 if counts["failed"] else 0)
 
 
@@ -89,34 +91,51 @@ def _sorted_out(
     """Outcomes that are known before the work begins, and the jobs to do."""
     early, ready = [], []
     for job in jobs:
-        there = [path for path in writes(job.target) if path.exists()]
-        if batch.resume and len(there) == len(writes(job.target)):
-            made = min(path.stat().st_mtime_ns for path in there)
-            if made >= job.source.stat().st_mtime_ns:
-                early.append(Outcome(job, "skipped", "newer than its input"))
-                continue
-        if there and not batch.overwrite:
-            name = click.format_filename(there[0])
-            early.append(Outcome(job, "failed", f"{name} exists; add --overwrite to replace it"))
-            continue
-        ready.append(job)
+        outputs = writes(job.target)
+        there = [path for path in outputs if path.exists()]
+        if odd := [path for path in there if irregular(path)]:
+            message = f"{printable(odd[0])} cannot be written: {irregular(odd[0])}, not a file"
+            early.append(Outcome(job, "failed", message))
+        elif batch.resume and len(there) == len(outputs) and _are_newer(there, job.source):
+            early.append(Outcome(job, "skipped", "newer than its input"))
+        elif there and not batch.overwrite:
+            message = f"{printable(there[0])} exists; add --overwrite to replace it"
+            early.append(Outcome(job, "failed", message))
+        else:
+            ready.append(job)
     return early, ready
 
 
+def _are_newer(outputs: Sequence[Path], source: Path) -> bool:
+    try:
+        made = min(path.stat().st_mtime_ns for path in outputs)
+        return made >= source.stat().st_mtime_ns
+    except OSError:  # gone meanwhile: reading or writing it will tell
+        return False
+
+
 def _run_all(
-    process: Callable, early: list[Outcome], ready: list[Job], batch: Batch, running: Running
+    process: Callable,
+    early: list[Outcome],
+    ready: list[Job],
+    batch: Batch,
+    running: Running,
+    clear: Callable[[], None],
 ) -> list[Outcome]:
     outcomes: list[Outcome] = []
-    alone = batch.jobs == 1 or len(ready) <= 1
-    results = _one_by_one if alone else partial(_side_by_side, processes=batch.jobs)
-    with (
-        Progress(len(early) + len(ready)) as progress,
-        closing(results(process, ready, running)) as later,
-    ):
+    if batch.jobs == 1 or len(ready) <= 1:
+        results = _one_by_one(process, ready, running)
+    else:
+        from jaxmotion.cli._workers import side_by_side
+
+        results = side_by_side(
+            process, ready, processes=batch.jobs, cache=running.cache, clear=clear
+        )
+    with Progress(len(early) + len(ready)) as progress, closing(results) as later:
         for outcome in chain(early, later):
             progress.tell(outcome)
             if outcome.traceback and running.debug:
-                click.echo(outcome.traceback, err=True)
+                say(*outcome.traceback.splitlines(), err=True)
             outcomes.append(outcome)
             if outcome.status == "failed" and batch.fail_fast:
                 break
@@ -131,41 +150,9 @@ def _one_by_one(process: Callable, jobs: list[Job], running: Running) -> Generat
         yield guarded(process, job)
 
 
-def _side_by_side(
-    process: Callable, jobs: list[Job], running: Running, *, processes: int
-) -> Generator[Outcome]:
-    processes = min(processes, len(jobs))
-    little = _session.is_little(job.source for job in jobs)
-    pool = ProcessPoolExecutor(
-        processes,
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_start_worker,
-        initargs=(running.cache, little, processes),
-    )
-    waiting = {pool.submit(guarded, process, job): job for job in jobs}
-    try:
-        for future in as_completed(waiting):
-            try:
-                yield future.result()
-            except Exception as error:  # the process died: out of memory, say
-                yield Outcome(waiting[future], "failed", f"its process died ({error})")
-    except BaseException:
-        for worker in multiprocessing.active_children():
-            worker.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _start_worker(cache: bool, little: bool, processes: int) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, leave)
-    _session.start(cache=cache, little=little, notice=False, share=processes)
-
-
 def _files_of(target: Path) -> list[Path]:
     return [target, target.with_suffix(".asf")] if target.suffix.lower() == ".amc" else [target]
 
 
 def _arrow(job: Job) -> str:
-    return f"{click.format_filename(job.source)} -> {click.format_filename(job.target)}"
+    return f"{job.source} -> {job.target}"

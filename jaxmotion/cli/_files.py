@@ -6,12 +6,16 @@ be given a file name for its output; otherwise the output is a folder.
 """
 
 import glob
+import os
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import click
+
+from jaxmotion._plain import in_words, irregular
 
 SUFFIXES = (".bvh", ".amc", ".npz")
 
@@ -47,20 +51,21 @@ def expand(given: Sequence[str], *, avoid: Path | None = None) -> list[Input]:
         if path.is_file():
             group = [Input(path, Path(path.name), True)]
         elif path.is_dir():
-            below = Path(path.resolve().name) if len(folders) > 1 else Path()
+            below = Path(real(path).name) if len(folders) > 1 else Path()
             group = list(_inside(path, path.rglob("*"), below, avoid))
         elif glob.has_magic(name):
             matches = (Path(p) for p in glob.iglob(name, recursive=True))
             group = list(_inside(_fixed_part(path), matches, Path(), avoid))
         else:
-            raise click.UsageError(f"there is no file or folder {click.format_filename(name)!r}")
+            raise click.UsageError(_why_not(path))
         if not group:
             what = "the folder" if path.is_dir() else "files that match"
-            raise click.UsageError(
-                f"no motion files ({', '.join(SUFFIXES)}) in {what} {click.format_filename(name)!r}"
-            )
+            raise click.UsageError(f"no motion files ({', '.join(SUFFIXES)}) in {what} {name!r}")
         for item in group:
-            found.setdefault(item.path.resolve(), item)
+            # A link to a folder around it makes one file of many names, ever longer.
+            place = real(item.path)
+            if place not in found or len(item.path.parts) < len(found[place].path.parts):
+                found[place] = item
     return list(found.values())
 
 
@@ -73,10 +78,7 @@ def plan(inputs: Sequence[Input], out: Path, *, to: str | None = None) -> list[J
     """
     if out.suffix.lower() in SUFFIXES and not out.is_dir():
         if len(inputs) != 1:
-            raise click.UsageError(
-                f"-o {click.format_filename(out)} is one file for {len(inputs)} inputs; "
-                "give a folder"
-            )
+            raise click.UsageError(f"-o {out} is one file for {len(inputs)} inputs; give a folder")
         if to is not None and out.suffix.lower() != to:
             raise click.UsageError(f"--to {to[1:]} and -o {out.name} disagree")
         return checked([Job(inputs[0].path, out)])
@@ -86,7 +88,7 @@ def plan(inputs: Sequence[Input], out: Path, *, to: str | None = None) -> list[J
 def plan_folders(inputs: Sequence[Input], out: Path) -> list[Job]:
     """One output folder for every input: ``out`` itself for one, else below it by name."""
     if out.is_file():
-        raise click.UsageError(f"-o {click.format_filename(out)} is a file; give a folder")
+        raise click.UsageError(f"-o {out} is a file; give a folder")
     if len(inputs) == 1 and inputs[0].named:
         return [Job(inputs[0].path, out)]
     return checked([Job(i.path, out / i.relative.with_suffix("")) for i in inputs])
@@ -94,39 +96,108 @@ def plan_folders(inputs: Sequence[Input], out: Path) -> list[Job]:
 
 def checked(jobs: list[Job]) -> list[Job]:
     """The jobs, if no output is an input and none is written twice; else ``UsageError``."""
-    sources = {job.source.resolve() for job in jobs}
+    over = overlaps([job.source for job in jobs])
     targets: dict[Path, Path] = {}
     for job in jobs:
-        target = job.target.resolve()
-        if target in sources:
-            raise click.UsageError(
-                f"{click.format_filename(job.target)} would be written over an input; "
-                "give another -o"
-            )
+        target = real(job.target)
+        if over(job.target):
+            raise click.UsageError(f"{job.target} would be written over an input; give another -o")
         if target in targets:
             raise click.UsageError(
-                f"{click.format_filename(targets[target])} and {click.format_filename(job.source)} "
-                f"would both be written to {click.format_filename(job.target)}; "
+                f"{targets[target]} and {job.source} would both be written to {job.target}; "
                 "process them one at a time"
             )
         targets[target] = job.source
     return jobs
 
 
+def overlaps(sources: Iterable[Path]) -> Callable[[Path], bool]:
+    """Whether writing a target would change one of ``sources``: the same file, by whatever name, or
+    the .asf that is written beside an .amc, over the skeleton of an input."""
+    sources = list(sources)
+    paths = {real(source) for source in sources}
+    files = {identity for source in sources if (identity := _identity(source)) is not None}
+
+    def over(target: Path) -> bool:
+        if real(target) in paths or _identity(target) in files:
+            return True
+        asf = real(target.with_suffix(".asf"))
+        return target.suffix.lower() == ".amc" and asf.exists() and asf in _skeletons(sources)
+
+    return over
+
+
+def _skeletons(sources: Iterable[Path]) -> set[Path]:
+    from jaxmotion.io.asfamc import asf_beside
+
+    found = set()
+    for source in sources:
+        if source.suffix.lower() == ".amc":
+            with suppress(OSError, ValueError):  # reading it will tell
+                found.add(real(asf_beside(source)))
+    return found
+
+
+def real(path: Path) -> Path:
+    """The absolute path, links followed as far as they lead somewhere."""
+    return Path(os.path.realpath(path))
+
+
+def clearing(outputs: Iterable[Path]) -> Callable[[], None]:
+    """What takes away the files that killed processes left where ``outputs`` go."""
+    from jaxmotion.io.atomic import remove_abandoned
+
+    folders = {real(output).parent for output in outputs}
+
+    def clear() -> None:
+        for folder in folders:
+            remove_abandoned(folder)
+
+    return clear
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    try:
+        facts = path.stat()
+    except OSError:
+        return None
+    return facts.st_dev, facts.st_ino
+
+
+def _why_not(path: Path) -> str:
+    """Why a name stands neither for a file nor for a folder."""
+    try:
+        path.stat()
+    except FileNotFoundError:
+        if not path.is_symlink():
+            return f"there is no file or folder {str(path)!r}"
+        return f"{str(path)!r} is a link to nothing"
+    except OSError as error:
+        return f"{str(path)!r}: {in_words(error)}"
+    return f"{str(path)!r} is {irregular(path)}; expected a file or a folder"
+
+
 def _inside(base: Path, paths: Iterable[Path], below: Path, avoid: Path | None) -> Iterable[Input]:
-    away = avoid.resolve() if avoid is not None else None
-    if away is not None and base.resolve() not in away.parents:
+    away = real(avoid) if avoid is not None else None
+    if away is not None and real(base) not in away.parents:
         away = None
     for path in sorted(paths):
         relative = path.relative_to(base)
         hidden = any(part.startswith(".") for part in relative.parts)
-        if hidden or path.suffix.lower() not in SUFFIXES or not path.is_file():
+        if hidden or path.suffix.lower() not in SUFFIXES or not _may_be_file(path):
             continue
-        if away is not None and away in path.resolve().parents:
+        if away is not None and away in real(path).parents:
             continue
         if path.suffix.lower() == ".npz" and not _holds_a_motion(path):
             continue
         yield Input(path, below / relative, False)
+
+
+def _may_be_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # in a folder that may be listed but not entered: reading it will tell
+        return True
 
 
 def _fixed_part(pattern: Path) -> Path:

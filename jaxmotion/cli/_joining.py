@@ -1,13 +1,16 @@
 """Several clips into one file: what ``align``, ``blend`` and ``stitch`` share."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from jaxmotion._plain import irregular
 from jaxmotion.cli._options import Running
+from jaxmotion.cli._terminal import say
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -29,19 +32,20 @@ def join(
     running: Running,
 ) -> None:
     """Read ``sources``, ``combine`` them, which also says what was done, and write ``out``."""
-    from jaxmotion.cli import _session
+    from jaxmotion.cli import _files, _session
 
-    name = click.format_filename(out)
     check_targets([out], sources, overwrite=overwrite)
     if dry_run:
-        click.echo(name)
+        say(out)
         return
+    _files.clearing([out])()
     _session.start(cache=running.cache, little=_session.is_little(sources))
-    motion, summary = combine(read_clips(sources, fps))
     from jaxmotion.cli._work import finite, write
 
-    write(finite(motion), out, overwrite=overwrite)
-    click.echo(f"{name}: {summary}", err=True)
+    with warned():
+        motion, summary = combine(read_clips(sources, fps))
+        write(finite(motion), out, overwrite=overwrite)
+    say(f"{out}: {summary}", err=True)
 
 
 def check_targets(targets: Sequence[Path], sources: Sequence[Path], *, overwrite: bool) -> None:
@@ -52,25 +56,33 @@ def check_targets(targets: Sequence[Path], sources: Sequence[Path], *, overwrite
     out = targets[0]
     if out.suffix.lower() not in _files.SUFFIXES:
         raise click.UsageError(f"-o {out.name}: expected a {', '.join(_files.SUFFIXES)} file")
-    inputs = {source.resolve() for source in sources}
+    over = _files.overlaps(sources)
     for target in targets:
-        name = click.format_filename(target)
-        if target.resolve() in inputs:
-            raise click.UsageError(f"{name} would be written over an input; give another name")
+        if over(target):
+            raise click.UsageError(f"{target} would be written over an input; give another name")
+        if kind := irregular(target):
+            raise click.ClickException(f"{target} cannot be written: {kind}, not a file")
         if target.exists() and not overwrite:
-            raise click.ClickException(f"{name} exists; add --overwrite")
+            raise click.ClickException(f"{target} exists; add --overwrite")
 
 
 def read_clips(sources: Sequence[Path], fps: float | None) -> "list[Motion]":
-    """The clips; what had to be repaired is told on stderr."""
-    from jaxmotion.cli._work import read, told
+    """The clips."""
+    from jaxmotion.cli._work import read
+
+    return [read(source, fps) for source in sources]
+
+
+@contextmanager
+def warned() -> Iterator[None]:
+    """Tell on stderr what had to be repaired or laid out anew inside the block."""
+    from jaxmotion.cli._work import told
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        clips = [read(source, fps) for source in sources]
+        yield
     for text in told(caught):
-        click.echo(f"warning: {text}", err=True)
-    return clips
+        say(f"warning: {text}", err=True)
 
 
 def file_options(function: Callable) -> Callable:

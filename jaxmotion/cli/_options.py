@@ -20,6 +20,7 @@ from typing import Any
 
 import click
 
+from jaxmotion._plain import in_words, irregular
 from jaxmotion.cli._files import SUFFIXES
 
 NOWHERE = Path(os.devnull)
@@ -163,7 +164,12 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
     )
     @fps_option
     @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
-    @click.option("--resume", is_flag=True, help="Skip outputs that are newer than their inputs.")
+    @click.option(
+        "--resume",
+        is_flag=True,
+        help="Skip outputs that are newer than their inputs. What a killed run left half-written "
+        "is removed, with or without it.",
+    )
     @click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop.")
     @click.option(
         "-j", "--jobs", type=click.IntRange(1), default=1, show_default=True, help="Processes."
@@ -246,10 +252,12 @@ def _report_suffix(ctx: click.Context, param: click.Parameter, value: Path | Non
 def _load_preset(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
     if value is None:
         return
+    if kind := irregular(value):
+        raise click.BadParameter(f"{value} is {kind}, not a file")
     try:
         table = tomllib.loads(value.read_text("utf-8"))
     except OSError as error:
-        raise click.BadParameter(f"{value}: {error.strerror}") from None
+        raise click.BadParameter(f"{value}: {in_words(error)}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise click.BadParameter(f"{value}: {error}") from None
     parent = ctx.parent

@@ -1,11 +1,16 @@
 """Progress on stderr: a bar with the time left on a terminal, else a plain line a file."""
 
+import os
 import sys
 import time
+from contextlib import ExitStack
 
-import click
-
+from jaxmotion._plain import printable
+from jaxmotion.cli import _leaving
+from jaxmotion.cli._terminal import say
 from jaxmotion.cli._work import Outcome
+
+_SHOW_CURSOR = b"\x1b[?25h\n"
 
 
 class Progress:
@@ -16,6 +21,7 @@ class Progress:
         self._done = 0
         self._begun = time.perf_counter()
         self._bar = None
+        self._cleanup = ExitStack()
         if total > 1 and sys.stderr.isatty():
             from rich.console import Console
             from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
@@ -28,12 +34,13 @@ class Progress:
 
     def __enter__(self) -> "Progress":
         if self._bar is not None:
-            self._bar.start()
+            # The bar hides the cursor; its own way of showing it may wait for a lock.
+            self._cleanup.enter_context(_leaving.last_act(lambda: os.write(2, _SHOW_CURSOR)))
+            self._cleanup.enter_context(self._bar)
         return self
 
     def __exit__(self, *_) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        self._cleanup.close()
 
     def tell(self, outcome: Outcome) -> None:
         """Show one outcome."""
@@ -41,7 +48,7 @@ class Progress:
         lines = [line_about(outcome), *(f"  warning: {text}" for text in outcome.warnings)]
         if self._bar is not None:
             for line in lines:
-                self._bar.console.print(line, soft_wrap=True)
+                self._bar.console.print(printable(line), soft_wrap=True)
             self._bar.update(self._task, completed=self._done)
             return
         if self._total > 1:
@@ -49,14 +56,12 @@ class Progress:
             wait = (time.perf_counter() - self._begun) / self._done * left
             lines[0] = f"[{self._done}/{self._total}] {lines[0]}"
             lines[0] += f" (about {duration(wait)} left)" if left else ""
-        for line in lines:
-            click.echo(line, err=True)
+        say(*lines, err=True)
 
 
 def line_about(outcome: Outcome) -> str:
     """An outcome in a line."""
-    source = click.format_filename(outcome.job.source)
-    target = click.format_filename(outcome.job.target)
+    source, target = printable(outcome.job.source), printable(outcome.job.target)
     if outcome.status == "failed":
         return f"FAILED {source}: {outcome.message.removeprefix(f'{source}: ')}"
     if outcome.status == "skipped":

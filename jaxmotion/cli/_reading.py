@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
+from jaxmotion._plain import printable
 from jaxmotion.cli import _files, _session
 from jaxmotion.cli._app import described
 from jaxmotion.cli._options import Running
+from jaxmotion.cli._terminal import say
 from jaxmotion.cli._work import read, told
 
 if TYPE_CHECKING:
@@ -44,9 +44,9 @@ def each(
             except Exception as error:
                 item.error = described(error)
                 if running.debug:
-                    click.echo(traceback.format_exc(), err=True)
+                    say(*traceback.format_exc().splitlines(), err=True)
                 if complain:
-                    name = click.format_filename(source.path)
-                    click.echo(f"FAILED {name}: {item.error.removeprefix(f'{name}: ')}", err=True)
+                    name = printable(source.path)
+                    say(f"FAILED {name}: {item.error.removeprefix(f'{name}: ')}", err=True)
         item.warnings = told(caught, source.path)
         yield item

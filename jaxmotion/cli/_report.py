@@ -5,13 +5,13 @@ A figure is one row of ``_FIGURES``: its key in the JSON, its heading, its value
 """
 
 import html
-import json
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxmotion import __version__
+from jaxmotion._plain import as_json, printable
 from jaxmotion.cli._work import Outcome
 
 if TYPE_CHECKING:
@@ -31,12 +31,12 @@ def write_report(path: Path, outcomes: Sequence[Outcome]) -> None:
 
     rows = [_row(outcome) for outcome in outcomes]
     if path.suffix.lower() == ".json":
-        text = json.dumps({"jaxmotion": __version__, "files": rows}, indent=1, ensure_ascii=False)
+        text = as_json({"jaxmotion": __version__, "files": rows}, indent=1)
     else:
         text = _page(rows)
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path) as file:
-        file.write((text + "\n").encode("utf-8", "backslashreplace"))
+        file.write((text + "\n").encode())
 
 
 def _row(outcome: Outcome) -> dict[str, Any]:
@@ -89,10 +89,14 @@ def _table_row(row: dict[str, Any]) -> str:
 
 
 def _cell(value: Any, notes: Sequence[str] = ()) -> str:
-    small = "".join(f"<small>{html.escape(note)}</small>" for note in notes if note)
+    small = "".join(f"<small>{_escaped(note)}</small>" for note in notes if note)
     if isinstance(value, dict):
-        place = html.escape(f"frame {value['frame']}, {value['joint']}")
+        place = _escaped(f"frame {value['frame']}, {value['joint']}")
         return f'<td class="number">{value["value"]:.4g}<small>{place}</small></td>'
     if isinstance(value, (int, float)):
         return f'<td class="number">{value}{small}</td>'
-    return f"<td>{html.escape(str(value)) if value is not None else ''}{small}</td>"
+    return f"<td>{_escaped(value) if value is not None else ''}{small}</td>"
+
+
+def _escaped(text: object) -> str:
+    return html.escape(printable(text))

@@ -15,7 +15,9 @@ from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 
-import click
+from jaxmotion.cli import _leaving
+from jaxmotion.cli._cache import usable_folder
+from jaxmotion.cli._terminal import say
 
 _PATIENCE = 1.0  # seconds of compiling before it is mentioned
 _LITTLE = 16 * 2**20  # bytes of input files that take less time than compiling
@@ -24,25 +26,16 @@ _PLAIN_CODE = "--xla_cpu_use_fusion_emitters=false"
 _RELEASES_WITH_PLAIN_CODE = ("0.7.", "0.8.", "0.9.", "0.10.")
 
 
-def cache_folder() -> Path | None:
-    """Where compiled programs are kept: ``JAXMOTION_CACHE_DIR`` (empty: nowhere), else the user's
-    cache folder by the platform's rules."""
-    named = os.environ.get("JAXMOTION_CACHE_DIR")
-    if named is not None:
-        return Path(named).expanduser() if named else None
-    home = Path.home()
-    if sys.platform == "darwin":
-        base = home / "Library" / "Caches"
-    elif os.name == "nt":
-        base = Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local")
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache")
-    return base / "jaxmotion"
-
-
 def is_little(paths: Iterable[Path]) -> bool:
     """Whether working through these files takes less time than compiling for it."""
-    return sum(path.stat().st_size for path in paths) < _LITTLE
+    return sum(map(_size, paths)) < _LITTLE
+
+
+def _size(path: Path) -> int:
+    try:
+        return path.stat().st_size
+    except OSError:  # reading it will tell
+        return 0
 
 
 def start(*, cache: bool = True, little: bool = False, notice: bool = True, share: int = 1) -> None:
@@ -65,8 +58,11 @@ def start(*, cache: bool = True, little: bool = False, notice: bool = True, shar
 
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_disable_most_optimizations", little)
-    folder = cache_folder() if cache else None
-    if folder is not None and _usable(folder):
+    from jaxmotion.io.atomic import abandon
+
+    _leaving.always(abandon)
+    folder = usable_folder() if cache else None
+    if folder is not None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
@@ -79,14 +75,6 @@ def _generate_plain_code() -> None:
     if metadata.version("jaxlib").startswith(_RELEASES_WITH_PLAIN_CODE):
         flags = (_PLAIN_CODE, os.environ.get("XLA_FLAGS", ""))
         os.environ["XLA_FLAGS"] = " ".join(flags).strip()
-
-
-def _usable(folder: Path) -> bool:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK)
 
 
 class _CompilingNotice:
@@ -118,4 +106,4 @@ class _CompilingNotice:
     def _tell(self) -> None:
         self._told = True
         again = " (first run only)" if self._kept else ""
-        click.echo(f"compiling{again} ...", err=True)
+        say(f"compiling{again} ...", err=True)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from jaxmotion._plain import printable
 from jaxmotion.cli._app import described
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Selection
@@ -74,7 +75,7 @@ def told(caught: list[warnings.WarningMessage], *paths: Path) -> list[str]:
 
     texts = [str(w.message) for w in caught if issubclass(w.category, MotionFileWarning)]
     for path in paths:
-        texts = [text.removeprefix(f"{path}: ") for text in texts]
+        texts = [text.removeprefix(f"{printable(path)}: ") for text in texts]
     return texts
 
 
@@ -88,8 +89,9 @@ def edit_file(editing: Editing, job: Job) -> "Difference | None":
     if not editing.selection.everything:
         edited = confined(padded, edited, length, editing.selection)
     edited = finite(unpadded(edited, length))
+    change = metrics.difference(motion, edited, world=editing.measured)
     write(edited, job.target, overwrite=editing.overwrite)
-    return metrics.difference(motion, edited, world=editing.measured)
+    return change
 
 
 def finite(motion: "Motion") -> "Motion":

@@ -1,15 +1,16 @@
 """``jaxmotion align``: give one clip the timing of another."""
 
 import itertools
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from jaxmotion import __version__
-from jaxmotion.cli._joining import check_targets, read_clips
+from jaxmotion._plain import as_json
+from jaxmotion.cli._joining import check_targets, read_clips, warned
 from jaxmotion.cli._options import Running, fps_option, running_options
+from jaxmotion.cli._terminal import say
 
 if TYPE_CHECKING:
     from jaxmotion.timing import Alignment
@@ -87,26 +88,27 @@ def command(
     \b
     jaxmotion align walk.bvh limp.bvh -o walk-in-time.bvh --path path.json --plot path.png
     """
-    from jaxmotion.cli import _session
+    from jaxmotion.cli import _files, _session
 
     targets = [file for file in (out, path, plot) if file is not None]
     check_targets(targets, [source, reference], overwrite=overwrite)
-    if len({file.resolve() for file in targets}) < len(targets):
+    if len({_files.real(file) for file in targets}) < len(targets):
         raise click.UsageError("-o, --path and --plot name the same file")
     if dry_run:
-        for file in targets:
-            click.echo(click.format_filename(file))
+        say(*targets)
         return
     if plot is not None:
         _require_matplotlib()
+    _files.clearing(targets)()
     _session.start(cache=running.cache, little=_session.is_little([source, reference]))
-    found = _align(source, reference, fps, method=method, step_pattern=steps, settle=settle)
-    _write_motion(found, out, overwrite=overwrite)
+    with warned():
+        found = _align(source, reference, fps, method=method, step_pattern=steps, settle=settle)
+        _write_motion(found, out, overwrite=overwrite)
     if path is not None:
         _write_path(found, path, source, reference, method, overwrite=overwrite)
     if plot is not None:
         _write_plot(found, plot, source, reference, overwrite=overwrite)
-    click.echo(f"{click.format_filename(out)}: {_summary(found)}", err=True)
+    say(f"{out}: {_summary(found)}", err=True)
 
 
 def _require_matplotlib() -> None:
@@ -117,7 +119,7 @@ def _require_matplotlib() -> None:
 
 
 def _align(source: Path, reference: Path, fps: float | None, **options: Any) -> "Alignment":
-    """Read both clips, tell of repairs, and align them."""
+    """Read both clips and align them."""
     from jaxmotion.cli._work import finite
     from jaxmotion.timing import align
 
@@ -148,7 +150,7 @@ def _write_path(
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path, overwrite=overwrite) as file:
-        file.write((json.dumps(facts) + "\n").encode("utf-8", "backslashreplace"))
+        file.write((as_json(facts) + "\n").encode())
 
 
 def _write_plot(

@@ -1,13 +1,14 @@
 """``jaxmotion check``: is anything wrong with a file?"""
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from jaxmotion._plain import printable
 from jaxmotion.cli._options import Running, files_argument, fps_option, running_options
+from jaxmotion.cli._terminal import say, say_json
 
 if TYPE_CHECKING:
     from jaxmotion.metrics import Problem
@@ -65,19 +66,19 @@ def command(
         entries = [{**asdict(p), "serious": p.serious} for p in problems]
         found.append({"file": str(item.path), "problems": entries})
         if not as_json:
-            click.echo(_as_text(item.path, problems))
+            say(*_as_text(item.path, problems))
     if as_json:
-        click.echo(json.dumps(found, indent=1, ensure_ascii=False))
+        say_json(found)
     elif len(found) > 1:
-        click.echo(f"{bad} of {len(found)} files have problems.", err=True)
+        say(f"{bad} of {len(found)} files have problems.", err=True)
     raise click.exceptions.Exit(3 if bad else 0)
 
 
-def _as_text(path: Path, problems: "list[Problem]") -> str:
+def _as_text(path: Path, problems: "list[Problem]") -> list[str]:
     """The findings of a file, those of one kind and joint on one line."""
-    name = click.format_filename(path)
+    name = printable(path)
     if not problems:
-        return f"{name}: ok"
+        return [f"{name}: ok"]
     groups: dict[Any, list[Problem]] = {}
     for problem in problems:
         groups.setdefault((not problem.serious, problem.kind, problem.joint), []).append(problem)
@@ -89,7 +90,7 @@ def _as_text(path: Path, problems: "list[Problem]") -> str:
         place = f"frame {', '.join(where[:_SHOWN])}{more}: " if where else ""
         label = f"{kind} (note)" if note else kind
         lines.append(f"  {label:<13} {f'{joint}, ' if joint else ''}{place}{worded}")
-    return "\n".join(lines)
+    return lines
 
 
 def _frames(problem: "Problem") -> str:

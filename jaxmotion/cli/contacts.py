@@ -1,12 +1,12 @@
 """``jaxmotion contacts``: when the feet touch the floor, and feet that do not slide."""
 
-import json
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from jaxmotion._plain import printable
 from jaxmotion.cli._options import (
     NOWHERE,
     Batch,
@@ -15,6 +15,7 @@ from jaxmotion.cli._options import (
     batch_options,
     running_options,
 )
+from jaxmotion.cli._terminal import say, say_json
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -116,9 +117,9 @@ def _list(batch: Batch, running: Running, finding: Any, as_json: bool) -> None:
         entry = {"file": str(item.path), **_facts(item.motion, finding)}
         found.append(entry)
         if not as_json:
-            click.echo(_as_text(item.path, entry))
+            say(*_as_text(item.path, entry))
     if as_json:
-        click.echo(json.dumps(found, indent=1, ensure_ascii=False))
+        say_json(found)
     raise click.exceptions.Exit(1 if failed else 0)
 
 
@@ -140,15 +141,14 @@ def _facts(motion: "Motion", finding: Any) -> dict[str, Any]:
     }
 
 
-def _as_text(path: Path, facts: dict[str, Any]) -> str:
-    name = click.format_filename(path)
+def _as_text(path: Path, facts: dict[str, Any]) -> list[str]:
     if not facts["points"]:
-        return f"{name}: no feet found; --joint names others"
-    lines = [f"{name}: points in contact slide at {facts['slide']:.3g} a second"]
-    width = max(map(len, facts["points"]))
+        return [f"{path}: no feet found; --joint names others"]
+    lines = [f"{path}: points in contact slide at {facts['slide']:.3g} a second"]
+    width = max(len(printable(point)) for point in facts["points"])
     for point, share in facts["points"].items():
         spans = [f"{c['first']}-{c['last']}" for c in facts["contacts"] if c["point"] == point]
         more = f" and {len(spans) - _SHOWN} more" if len(spans) > _SHOWN else ""
         told = f"frames {', '.join(spans[:_SHOWN])}{more}" if spans else "never"
-        lines.append(f"  {point:<{width}}  {100 * share:3.0f} %  {told}")
-    return "\n".join(lines)
+        lines.append(f"  {printable(point):<{width}}  {100 * share:3.0f} %  {told}")
+    return lines

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from jaxmotion._plain import printable
 from jaxmotion.cli._options import Running, running_options
 
 if TYPE_CHECKING:
@@ -30,14 +31,15 @@ def command(out: Path, seed: int, overwrite: bool, running: Running) -> None:
 
     Then print how far each is from the truth.
     """
-    from jaxmotion.cli import _session
+    from jaxmotion.cli import _files, _session
     from jaxmotion.cli._work import write
 
     names = ("clean", "noisy", "denoised", "exaggerated")
     paths = {name: out / f"{name}.bvh" for name in names}
     there = [path for path in paths.values() if path.exists()]
     if there and not overwrite:
-        raise click.ClickException(f"{click.format_filename(there[0])} exists; add --overwrite")
+        raise click.ClickException(f"{there[0]} exists; add --overwrite")
+    _files.clearing(paths.values())()
     _session.start(cache=running.cache, little=True)
     clips = _clips(seed)
     for name, path in paths.items():
@@ -93,4 +95,4 @@ def _print_table(clips: "dict[str, Motion]", paths: dict[str, Path]) -> None:
         f"The exaggeration multiplies the style by {_ALPHA:g}.\nWritten:"
     )
     for path in paths.values():
-        console.print(f"  {click.format_filename(path)}", soft_wrap=True)
+        console.print(f"  {printable(path)}", soft_wrap=True)

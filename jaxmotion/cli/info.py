@@ -1,12 +1,13 @@
 """``jaxmotion info``: what a file holds."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from jaxmotion._plain import printable
 from jaxmotion.cli._options import Running, files_argument, fps_option, running_options
+from jaxmotion.cli._terminal import say, say_json
 
 if TYPE_CHECKING:
     from jaxmotion import Motion, Skeleton
@@ -38,11 +39,11 @@ def command(
         facts = {"file": str(item.path), **describe(item.motion), "warnings": item.warnings}
         found.append(facts)
         if not as_json:
-            click.echo(_as_text(item.path, facts))
+            say(*_as_text(item.path, facts))
             if tree:
                 _draw(item.motion.skeleton)
     if as_json:
-        click.echo(json.dumps(found, indent=1, ensure_ascii=False))
+        say_json(found)
     raise click.exceptions.Exit(1 if failed else 0)
 
 
@@ -73,7 +74,7 @@ def describe(motion: "Motion") -> dict[str, Any]:
     }
 
 
-def _as_text(path: Path, facts: dict[str, Any]) -> str:
+def _as_text(path: Path, facts: dict[str, Any]) -> list[str]:
     low, high = (", ".join(f"{v:.4g}" for v in corner) for corner in facts["bounding_box"])
     channels = facts["channels"]
     moving = facts["translated_joints"]
@@ -94,9 +95,7 @@ def _as_text(path: Path, facts: dict[str, Any]) -> str:
         ("moves within", f"({low}) to ({high})"),
         *(("warning", text) for text in facts["warnings"]),
     ]
-    return "\n".join(
-        [click.format_filename(path), *(f"  {name:<13} {text}" for name, text in rows)]
-    )
+    return [str(path), *(f"  {name:<13} {text}" for name, text in rows)]
 
 
 def _draw(skeleton: "Skeleton") -> None:
@@ -108,7 +107,7 @@ def _draw(skeleton: "Skeleton") -> None:
     for name, parent, channels in zip(
         skeleton.names, skeleton.parents, skeleton.channels, strict=True
     ):
-        label = Text(name)
+        label = Text(printable(name))
         label.append(f"  {len(channels)}", style="dim")
         branches.append(Tree(label) if parent < 0 else branches[parent].add(label))
     for joint in skeleton.end_joints:

@@ -14,14 +14,17 @@ a repair, or a change of layout that the format forced, is a :class:`MotionFileW
 from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning
-from jaxmotion.motion import Motion
+
+if TYPE_CHECKING:
+    from jaxmotion.motion import Motion
 
 __all__ = ["MotionFileError", "MotionFileWarning", "load", "save"]
 
 
-def load(path: str | PathLike, *, dtype=None, **format_options) -> Motion:
+def load(path: str | PathLike, *, dtype=None, **format_options) -> "Motion":
     """Read a motion file.
 
     **Arguments:** ``path``: the file, its suffix telling the format; ``dtype``: of the arrays,
@@ -37,7 +40,9 @@ def load(path: str | PathLike, *, dtype=None, **format_options) -> Motion:
     return reader(path, dtype=dtype, **format_options)
 
 
-def save(motion: Motion, path: str | PathLike, *, overwrite: bool = True, **format_options) -> None:
+def save(
+    motion: "Motion", path: str | PathLike, *, overwrite: bool = True, **format_options
+) -> None:
     """Write a motion file, whole or not at all.
 
     **Arguments:** ``motion``: one clip; ``path``: the file, its suffix telling the format;
@@ -51,7 +56,7 @@ def save(motion: Motion, path: str | PathLike, *, overwrite: bool = True, **form
     writer(motion, path, overwrite=overwrite, **format_options)
 
 
-def _reader(path: Path) -> Callable[..., Motion]:
+def _reader(path: Path) -> "Callable[..., Motion]":
     match path.suffix.lower():
         case ".bvh":
             from jaxmotion.io.bvh import load_bvh

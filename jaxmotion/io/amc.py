@@ -25,7 +25,7 @@ from typing import IO, NoReturn
 
 import numpy as np
 
-from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted
+from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted, read_file
 
 _FRAMES_AT_ONCE = 4096
 
@@ -73,7 +73,7 @@ class _Reader:
     def __init__(self, path: Path, widths: dict[str, int]):
         self.path = path
         self.widths = widths
-        data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
+        data = read_file(path).removeprefix(b"\xef\xbb\xbf")
         if b"\r" in data:
             data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         self.lines = data.split(b"\n")

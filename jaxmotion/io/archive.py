@@ -15,7 +15,7 @@ from typing import IO
 
 import numpy as np
 
-from jaxmotion.io.errors import MotionFileError, quoted
+from jaxmotion.io.errors import MotionFileError, quoted, require_file
 
 
 class Archive:
@@ -26,6 +26,7 @@ class Archive:
 
     def __init__(self, path: str | PathLike):
         self.path = Path(path)
+        require_file(path)
         with self.path.open("rb"):
             pass
         try:

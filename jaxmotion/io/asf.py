@@ -27,7 +27,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from jaxmotion.io.errors import MotionFileError, quoted
+from jaxmotion.io.errors import MotionFileError, quoted, read_file
 from jaxmotion.skeleton import AsfBone, Skeleton
 
 LINK = "__link"
@@ -82,7 +82,7 @@ def read_asf(path: str | PathLike) -> tuple[Skeleton, str]:
 class _Reader:
     def __init__(self, path: Path):
         self.path = path
-        self.sections = self._sections(path.read_bytes())
+        self.sections = self._sections(read_file(path))
 
     def fail(self, found: str, expected: str, line: int | None = None, hint: str = "") -> NoReturn:
         raise MotionFileError(self.path, found, expected=expected, line=line, hint=hint)

@@ -23,6 +23,7 @@ back; lengths are exact; float32 motions are written with nine digits. O(T·J).
 Source: Acclaim, "Skeleton File Definition V1.10" (1995); Meredith & Maddock 2001.
 """
 
+import os
 import warnings
 from collections.abc import Sequence
 from os import PathLike
@@ -31,6 +32,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmotion._plain import printable
 from jaxmotion.io.amc import read_amc, write_amc
 from jaxmotion.io.asf import read_asf
 from jaxmotion.io.asf_dofs import dofs_from_transforms, places, transforms_from_dofs
@@ -66,7 +68,7 @@ def load_amc(
         raise ValueError(f"load_amc: fps={fps!r}; expected a positive number")
     path = Path(path)
     dtype = float_type(dtype)
-    skeleton, asf_unit = read_asf(Path(asf) if asf is not None else _asf_beside(path))
+    skeleton, asf_unit = read_asf(Path(asf) if asf is not None else asf_beside(path))
     widths = {n: len(d) for n, d in zip(skeleton.names, skeleton.channels, strict=True)}
     table = read_amc(path, widths)
     columns = table.columns
@@ -121,11 +123,11 @@ def save_amc(
     """
     path = Path(path)
     asf = path.with_suffix(".asf") if asf is None else Path(asf)
-    if asf.resolve() == path.resolve():
-        raise ValueError(f"save_amc: path and asf are both {path}; give two names")
+    if os.path.realpath(asf) == os.path.realpath(path):
+        raise ValueError(f"save_amc: path and asf are both {printable(path)}; give two names")
     _check(motion)
     if not overwrite and (existing := [p for p in (path, asf) if p.exists()]):
-        raise FileExistsError(f"{existing[0]} exists; pass overwrite=True to replace it")
+        raise FileExistsError(f"{printable(existing[0])} exists; pass overwrite=True to replace it")
     skeleton = motion.skeleton
     bones = asf_bones(skeleton)
     dofs, values = dofs_from_transforms(
@@ -148,9 +150,9 @@ def save_amc(
         write_amc(amc_file, columns, _fps_text(np.asarray(motion.frame_time)), digits)
 
 
-def _asf_beside(path: Path) -> Path:
-    if not path.exists():
-        raise FileNotFoundError(f"there is no file {path}")
+def asf_beside(path: Path) -> Path:
+    """The skeleton's file of an .amc file, as :func:`load_amc` finds it."""
+    os.stat(path)  # that it is there at all is the first to say
     found = sorted(p for p in path.parent.iterdir() if p.suffix.lower() == ".asf")
     by_stem = {p.stem.lower(): p for p in found}
     stem = path.stem.lower()

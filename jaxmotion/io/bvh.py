@@ -26,7 +26,6 @@ import re
 import warnings
 from collections import deque
 from os import PathLike
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -35,7 +34,7 @@ from jaxmotion.io import bvh_write
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.io.bvh_frames import Frames, find_rows, parse_header, parse_rows
 from jaxmotion.io.bvh_hierarchy import Hierarchy, parse_hierarchy, parse_number
-from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted
+from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted, read_file
 from jaxmotion.io.euler_blocks import quaternions
 from jaxmotion.io.precision import float_type
 from jaxmotion.motion import Motion
@@ -59,7 +58,7 @@ def load_bvh(
     ``OSError`` for one that cannot be opened.
     """
     dtype = float_type(dtype)
-    data = _as_text(path, Path(path).read_bytes())
+    data = _as_text(path, read_file(path))
     word = _MOTION.search(data)
     top = data[: word.start(1)] if word else data
     hierarchy = parse_hierarchy(path, _decoded(top))

@@ -3,7 +3,12 @@
 One exception that says where, what was wanted and what to try; one warning for what was repaired.
 """
 
+import errno
+import os
 from os import PathLike, fspath
+from pathlib import Path
+
+from jaxmotion._plain import irregular, printable
 
 
 class MotionFileError(ValueError):
@@ -18,7 +23,8 @@ class MotionFileError(ValueError):
     - ``expected``: what should have been there.
     - ``hint``: what to try.
 
-    ``str(error)`` is one line: ``walk.bvh:120 (frame 12): found …; expected …. Try: …``.
+    ``str(error)`` is one line that prints, whatever is in the file or its name:
+    ``walk.bvh:120 (frame 12): found …; expected …. Try: …``.
     """
 
     def __init__(
@@ -46,7 +52,7 @@ class MotionFileError(ValueError):
         text = f"{where}: found {self.found}"
         text += f"; expected {self.expected}" if self.expected else ""
         text += f". Try: {self.hint}" if self.hint else ""
-        return text
+        return printable(text)
 
     def __reduce__(self):
         return _rebuild, (
@@ -61,6 +67,30 @@ class MotionFileError(ValueError):
 
 class MotionFileWarning(UserWarning):
     """A file was repaired while reading, or its layout had to change so that nothing was lost."""
+
+    def __init__(self, text: str):
+        super().__init__(printable(text))
+
+
+def read_file(path: str | PathLike) -> bytes:
+    """The bytes of an ordinary file.
+
+    **Raises:** :class:`MotionFileError` for a pipe, a socket or a device, which may never end;
+    ``OSError`` if it cannot be opened.
+    """
+    require_file(path)
+    return Path(path).read_bytes()
+
+
+def require_file(path: str | PathLike) -> None:
+    """Raise :class:`MotionFileError` for what is there but no ordinary file, without opening it;
+    ``OSError`` for a folder or nothing at all."""
+    os.stat(path)
+    kind = irregular(path)
+    if kind == "a folder":
+        raise IsADirectoryError(errno.EISDIR, "a folder, not a file", fspath(path))
+    if kind:
+        raise MotionFileError(path, kind, expected="an ordinary file", hint="save it as one first")
 
 
 def _rebuild(path, found, expected, hint, line, frame):

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxmotion._plain import printable
 from jaxmotion.timing import Alignment
 
 if TYPE_CHECKING:
@@ -27,8 +28,8 @@ def plot_alignment(
     axes = figure.add_subplot()
     axes.plot(path[:, 1], path[:, 0], ".", color="0.6", markersize=3, label="pairs of frames")
     axes.plot(np.arange(len(times)), times, color="C0", label="time that is read")
-    axes.set_xlabel(f"frame of {reference}")
-    axes.set_ylabel(f"frame of {source}")
+    axes.set_xlabel(f"frame of {printable(reference)}", parse_math=False)
+    axes.set_ylabel(f"frame of {printable(source)}", parse_math=False)
     angle = np.degrees(float(alignment.distance))
     axes.set_title(f"joints differ by {angle:.3g}° (rms)", fontsize="medium")
     axes.legend(loc="upper left", frameon=False)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from jaxmotion._plain import printable
 from jaxmotion.contacts import Contacts, intervals
 from jaxmotion.motion import Motion
 
@@ -37,7 +38,7 @@ def plot_contacts(motion: Motion, contacts: Contacts) -> "Figure":
     grid = figure.subplots(rows, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for axes, name, height in zip(grid, contacts.names, heights.T, strict=False):
         axes.plot(seconds * np.arange(len(height)), height, color="C0")
-        axes.set_title(name, fontsize="small", loc="left")
+        axes.set_title(printable(name), fontsize="small", loc="left", parse_math=False)
         for touch in (interval for interval in found if interval.point == name):
             # A frame lasts from half a frame before its time to half a frame after.
             begin, end = seconds * (touch.first - 0.5), seconds * (touch.last + 0.5)

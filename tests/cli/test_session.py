@@ -9,20 +9,20 @@ import jax
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.cli import _session
+from jaxmotion.cli import _cache, _session
 from tests.cli.conftest import swinging
 
 
 def test_cache_folder(monkeypatch, tmp_path):
     monkeypatch.setenv("JAXMOTION_CACHE_DIR", str(tmp_path))
-    assert _session.cache_folder() == tmp_path
+    assert _cache.cache_folder() == tmp_path
     monkeypatch.setenv("JAXMOTION_CACHE_DIR", "")
-    assert _session.cache_folder() is None
+    assert _cache.cache_folder() is None
     monkeypatch.delenv("JAXMOTION_CACHE_DIR")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "x"))
     if sys.platform == "linux":
-        assert _session.cache_folder() == tmp_path / "x" / "jaxmotion"
-    assert _session.cache_folder().name == "jaxmotion"
+        assert _cache.cache_folder() == tmp_path / "x" / "jaxmotion"
+    assert _cache.cache_folder().name == "jaxmotion"
 
 
 @pytest.mark.parametrize(("release", "given"), [("0.10.2", True), ("0.99.0", False)])
@@ -85,3 +85,9 @@ def test_the_second_run_compiles_nothing(tmp_path):
     # A clip of another length needs nothing new.
     denoise("b")
     assert sorted(cache.rglob("*-cache")) == compiled
+    # Entries that were cut off are made anew, once.
+    sizes = [path.stat().st_size for path in compiled]
+    compiled[0].write_bytes(b"")
+    compiled[-1].write_bytes(compiled[-1].read_bytes()[:-20])
+    denoise("a")
+    assert [path.stat().st_size for path in compiled] == pytest.approx(sizes, rel=0.1)
