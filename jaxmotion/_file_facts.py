@@ -74,6 +74,8 @@ class _StandIn(str):
     """The ``number``-th fact among the arguments of a compiled function; a text, so that it can be
     passed on where a spelling is asked for."""
 
+    number: int
+
     def __new__(cls, number: int):
         self = super().__new__(cls, f"file fact {number}")
         self.number = number
@@ -82,7 +84,7 @@ class _StandIn(str):
     def _unreadable(self, *_):
         raise TypeError("a compiled function passes file facts on, but cannot read them")
 
-    __iter__ = __len__ = __getitem__ = __contains__ = _unreadable
+    __iter__ = __len__ = __getitem__ = __contains__ = _unreadable  # pyright: ignore
 
 
 def compiled(function: Function) -> Function:

@@ -69,11 +69,11 @@ class Skeleton(eqx.Module):
     offsets: Float[AnyArray, "joint 3"]
     end_offsets: Float[AnyArray, "end 3"]
     end_joints: tuple[int, ...] = eqx.field(static=True)
+    up: str = eqx.field(static=True)
+    length_unit: float = eqx.field(static=True)
     end_labels: tuple[str, ...] = file_fact()
     channels: tuple[tuple[str, ...], ...] = file_fact()
     asf: tuple[AsfBone, ...] = file_fact()
-    up: str = eqx.field(static=True)
-    length_unit: float = eqx.field(static=True)
 
     def __init__(
         self,
