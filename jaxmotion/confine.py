@@ -10,11 +10,11 @@ zero, because there the result is a copy).
 
 from collections.abc import Sequence
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion._file_facts import compiled
 from jaxmotion._types import ArrayLike
 from jaxmotion.displacement import minus, plus
 from jaxmotion.motion import Motion
@@ -44,7 +44,7 @@ def confine(original: Motion, edited: Motion, weight: ArrayLike) -> Motion:
     return _confine(original, edited, jnp.broadcast_to(weight, (frames, joints)))
 
 
-@eqx.filter_jit
+@compiled
 def _confine(original: Motion, edited: Motion, weight: Array) -> Motion:
     cosine = jnp.sum(original.rotations * edited.rotations, axis=-1, keepdims=True)
     turned = edited.with_transforms(

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion._file_facts import file_fact
 from jaxmotion._types import AnyArray, Scalar
 from jaxmotion.skeleton import Skeleton
 
@@ -26,7 +27,9 @@ class Motion(eqx.Module):
     - ``frame_time``: f[], seconds.
     - ``translated_joints``: joints whose translations may vary in time; static. The others stay at
       their offsets: algorithms read their first frame and skip the rest.
-    - ``frame_time_text``: how the file spelt the frame time, kept for the round trip; static.
+    - ``frame_time_text``: how the file spelt the frame time, kept for the round trip; a file fact
+      (:mod:`jaxmotion._file_facts`): clips that differ in nothing else share compiled functions,
+      can be stacked, and have, under a caller's ``jax.jit``, the text of the first clip traced.
 
     **Raises:** ``ValueError`` when shapes do not fit the skeleton.
     """
@@ -36,7 +39,7 @@ class Motion(eqx.Module):
     rotations: Float[AnyArray, "*batch time joint 4"]
     frame_time: Scalar | Float[AnyArray, "*batch"]
     translated_joints: tuple[int, ...] = eqx.field(static=True)
-    frame_time_text: str | None = eqx.field(static=True)
+    frame_time_text: str | None = file_fact()
 
     def __init__(
         self,

@@ -2,7 +2,9 @@
 
 Joint j hangs from ``parents[j] < j`` (the root is joint 0, parent −1) by ``offsets[j]``, in its
 parent's frame. Leaves may carry end sites: points, fixed in a joint's frame, that no channel moves.
-Topology, names and file facts are static; offsets are arrays, so bone lengths can be optimised.
+Topology and names are static; offsets are arrays, so bone lengths can be optimised. What is said
+below to be a file fact is kept for the file's sake and tells no two skeletons apart
+(:mod:`jaxmotion._file_facts`).
 """
 
 import fnmatch
@@ -13,6 +15,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from jaxmotion._file_facts import file_fact
 from jaxmotion._types import AnyArray
 
 DEFAULT_ROOT_CHANNELS = (
@@ -51,9 +54,10 @@ class Skeleton(eqx.Module):
     - ``offsets``: f[J, 3], from the parent's origin in the parent's frame, file unit.
     - ``end_offsets``: f[E, 3], end sites in the frame of the joint they hang from.
     - ``end_joints``: that joint's index, one an end site; static.
-    - ``end_labels``: how the file spelt each ("End Site"); static.
-    - ``channels``: per joint, the file's channel names in order ("Zrotation"); static.
-    - ``asf``: per joint an :class:`AsfBone` if the skeleton came from an ASF file; static, else ().
+    - ``end_labels``: how the file spelt each ("End Site"); a file fact.
+    - ``channels``: per joint, the file's channel names in order ("Zrotation"); a file fact.
+    - ``asf``: per joint an :class:`AsfBone` if the skeleton came from an ASF file, else (); a file
+      fact.
     - ``up``: the axis that points up, "x", "y" or "z"; static.
     - ``length_unit``: what the file says of its unit of length (ASF's ``length``), else 1; static.
 
@@ -65,11 +69,11 @@ class Skeleton(eqx.Module):
     offsets: Float[AnyArray, "joint 3"]
     end_offsets: Float[AnyArray, "end 3"]
     end_joints: tuple[int, ...] = eqx.field(static=True)
-    end_labels: tuple[str, ...] = eqx.field(static=True)
-    channels: tuple[tuple[str, ...], ...] = eqx.field(static=True)
-    asf: tuple[AsfBone, ...] = eqx.field(static=True)
     up: str = eqx.field(static=True)
     length_unit: float = eqx.field(static=True)
+    end_labels: tuple[str, ...] = file_fact()
+    channels: tuple[tuple[str, ...], ...] = file_fact()
+    asf: tuple[AsfBone, ...] = file_fact()
 
     def __init__(
         self,

@@ -7,6 +7,7 @@ only the pairs in ``SIDEWAYS`` may meet. A new room is given a floor here first.
 import ast
 import importlib
 import pkgutil
+import re
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ import jaxmotion
 
 PACKAGE = Path(jaxmotion.__file__).parent
 FLOORS = (
-    ("_types", "_numerics", "_lazy", "_plain"),
+    ("_types", "_numerics", "_lazy", "_plain", "_file_facts"),
     ("quaternion", "linalg"),
     ("skeleton", "motion", "kinematics", "displacement", "confine", "io", "samples"),
     ("smoothing", "timing"),
@@ -39,6 +40,7 @@ SIDEWAYS = {
     "spacetime": {"contacts"},
     "__main__": {"cli"},
 }
+_JITS = ("filter_jit", "jax.jit")
 LINES_A_FILE = 400
 LINES_A_FUNCTION = 80
 
@@ -90,6 +92,22 @@ def test_imports_point_down():
             if not (below or there == here or there in SIDEWAYS.get(here, ())):
                 wrong.append(f"{_name(path)}:{line}: {here} imports {there}")
     assert not wrong, "\n".join(wrong)
+
+
+def test_what_holds_file_facts_is_compiled_with_them():
+    """jit hands every call the facts of the clip it compiled for; ``compiled`` those of its own."""
+    bearers = {"Motion", "Skeleton", "Pyramid", "CompressedMotion", "MotionLayers", "Corrupted"}
+    bearers |= {"motion", "skeleton", "pyramid", "layers"}  # arguments, where nothing is annotated
+    wrong = []
+    for path in set(INSIDE) - {PACKAGE / "_file_facts.py"}:
+        for node in ast.walk(TREES[path]):
+            if isinstance(node, ast.FunctionDef) and any(
+                word in ast.unparse(mark) for mark in node.decorator_list for word in _JITS
+            ):
+                returned = ast.unparse(node.returns or node.args)
+                if bearers & set(re.findall(r"\w+", returned)):
+                    wrong.append(f"{_name(path)}:{node.lineno}: {node.name} -> {returned}")
+    assert not wrong, "use _file_facts.compiled, or annotate:\n" + "\n".join(wrong)
 
 
 def test_the_check_sees_every_way_to_import():

@@ -22,11 +22,11 @@ Differentiable in motion and targets; masks pass no gradient. T frames, C points
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts, Limb
@@ -113,7 +113,7 @@ def _feet_of(skeleton: Skeleton, contacts: Contacts) -> _Feet:
     return _Feet(limbs, anchors)
 
 
-@eqx.filter_jit
+@compiled
 def _cleanup(motion, contacts, feet: _Feet, stretch, fade, floor, length) -> Motion:
     pose = forward_kinematics(motion)
     joints = np.array(feet.limbs)

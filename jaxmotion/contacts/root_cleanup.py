@@ -11,10 +11,10 @@ their speed jumps where one foot takes over from another; a steady slide is not 
 T frames, C points, O(T·(J + C)). Differentiable in motion and targets.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmotion._file_facts import compiled
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts
 from jaxmotion.contacts.runs import spread
@@ -50,7 +50,7 @@ def cleanup_root(
     return _cleanup(motion, contacts, level, count)
 
 
-@eqx.filter_jit
+@compiled
 def _cleanup(motion: Motion, contacts: Contacts, floor, length) -> Motion:
     kind, up = motion.dtype, "xyz".index(motion.skeleton.up)
     valid = jnp.asarray(np.arange(motion.num_frames, dtype=np.int32)) < length

@@ -7,18 +7,21 @@
 | :mod:`jaxmotion.io.amc` | the motion's table, in and out |
 | :mod:`jaxmotion.io.asf_dofs` | q = C R C⁻¹: the table's dofs ↔ local transforms |
 
-Dofs that a bone lacks, or a file leaves out, are 0. Angles are degrees or radians as the AMC (else
-the ASF) says. Lengths stay in the file's unit; ``Skeleton.length_unit`` keeps its factor (CMU:
-0.45; a length divided by it is in inches). Few files tell their frame rate
+Dofs that a bone lacks, or a file leaves out, are 0. A bone counts as translated if its translation
+is ever more than a millionth of the longest offset; the root always does. Angles are degrees or
+radians as the AMC (else the ASF) says. Lengths stay in the file's unit; ``Skeleton.length_unit``
+keeps its factor (CMU: 0.45; a length divided by it is in inches). Few files tell their frame rate
 (``:SAMPLES-PER-SECOND``); CMU's is 120.
 
 Writing keeps dofs, limits and axes. A rotation or translation that a bone's dofs cannot express
 gets the missing ones added after them, with whole-range limits, so nothing is lost: smoothing a
 knee of one dof makes it a knee of three. A :class:`~jaxmotion.io.MotionFileWarning` names the
-joints. A skeleton from elsewhere gets bones that fit its offsets,
-axes along the world's and dofs in the order of its BVH channels. Angles are unwrapped along time
-and rounded to 10⁻¹² degrees, less than their conversion costs, so that a file's own decimals come
-back; lengths are exact; float32 motions are written with nine digits. O(T·J).
+joints. Where a joint that is not translated is off its offset by rounding (of the file it came
+from), the bone is made to fit the joint's first frame. A skeleton from elsewhere gets bones that
+fit its offsets, axes along the world's and dofs in the order of its BVH channels. Angles are
+unwrapped along time and rounded to 10⁻¹² degrees, less than their conversion costs, so that a
+file's own decimals come back; lengths are exact; float32 motions are written with nine digits.
+O(T·J).
 
 Source: Acclaim, "Skeleton File Definition V1.10" (1995); Meredith & Maddock 2001.
 """
@@ -26,6 +29,7 @@ Source: Acclaim, "Skeleton File Definition V1.10" (1995); Meredith & Maddock 200
 import os
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -40,6 +44,7 @@ from jaxmotion.io.asf_write import asf_bones, asf_names, asf_text
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning
 from jaxmotion.io.precision import float_type
+from jaxmotion.io.printed_digits import LARGEST_ROUNDING, SINGLE_PRECISION
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import AsfBone, Skeleton
 
@@ -78,6 +83,7 @@ def load_amc(
     seconds = np.array(1.0 / (fps or table.fps or 120.0))
     with np.errstate(over="ignore", invalid="ignore"):
         transforms = transforms_from_dofs(skeleton, columns, table.num_frames)
+        moved = _moved_joints(skeleton, transforms[0])
         arrays = (skeleton.offsets, skeleton.end_offsets, *transforms, seconds)
         arrays = [np.asarray(array).astype(dtype) for array in arrays]
     if not all(np.isfinite(array).all() for array in arrays) or arrays[-1] <= 0:
@@ -101,9 +107,7 @@ def load_amc(
         translations,
         rotations,
         seconds,
-        translated_joints=tuple(
-            j for j, dofs in enumerate(skeleton.channels) if any(dof[0] in "tT" for dof in dofs)
-        ),
+        translated_joints=moved,
     )
 
 
@@ -128,11 +132,9 @@ def save_amc(
     _check(motion)
     if not overwrite and (existing := [p for p in (path, asf) if p.exists()]):
         raise FileExistsError(f"{printable(existing[0])} exists; pass overwrite=True to replace it")
-    skeleton = motion.skeleton
+    skeleton, translations = _at_rest(motion)
     bones = asf_bones(skeleton)
-    dofs, values = dofs_from_transforms(
-        skeleton, bones, np.asarray(motion.translations), np.asarray(motion.rotations)
-    )
+    dofs, values = dofs_from_transforms(skeleton, bones, translations, np.asarray(motion.rotations))
     _report_added(path, skeleton, dofs)
     columns = {
         name: _in_degrees(table, names)
@@ -184,6 +186,24 @@ def _check(motion: Motion) -> None:
             f"save_amc: joint {motion.skeleton.names[joint]!r} at frame {frame} has no finite "
             "translation and rotation; repair the motion first"
         )
+
+
+def _moved_joints(skeleton: Skeleton, translations: np.ndarray) -> tuple[int, ...]:
+    """The root, and the joints that leave their offset by more than single precision rounds."""
+    apart = np.abs(translations - np.asarray(skeleton.offsets)).max(axis=(0, 2))
+    longest = np.abs(np.asarray(skeleton.offsets)[1:]).max(initial=0.0)
+    return (0, *(1 + np.flatnonzero(apart[1:] > SINGLE_PRECISION * longest)).tolist())
+
+
+def _at_rest(motion: Motion) -> tuple[Skeleton, np.ndarray]:
+    """The skeleton and translations [T, J, 3] with every joint that is not translated, and but for
+    rounding at its offset, where its first frame puts it, which is the one that counts."""
+    offsets, translations = np.array(motion.skeleton.offsets), np.array(motion.translations)
+    apart = np.abs(translations - offsets).max(axis=(0, 2))
+    still = apart <= LARGEST_ROUNDING * np.abs(offsets[1:]).max(initial=0.0)
+    still[[0, *motion.translated_joints]] = False
+    offsets[still] = translations[:, still] = translations[0, still]
+    return replace(motion.skeleton, offsets=offsets), translations
 
 
 def _turning(dofs: Sequence[str]) -> np.ndarray:

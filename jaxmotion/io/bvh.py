@@ -3,12 +3,16 @@
 Reading. Position channels replace OFFSET, axis by axis; axes without one keep OFFSET. Rotation
 channels, in degrees, become a local unit quaternion, q = q₁(θ₁) q₂(θ₂) q₃(θ₃), intrinsic, in the
 file's order for that joint. A joint counts as translated if a position value leaves OFFSET by more
-than a millionth of the longest offset (exporters repeat OFFSET in single precision, which is no
-movement; the values are kept as they are); the root always does. Names, channel names and order,
-end sites and the text of the frame time are kept. Read without complaint: any mixture of channels,
-CRLF, tabs, byte-order marks (UTF-8, UTF-16), Latin-1 names, exponents, no line end at the end of
-the file. Repaired, with a :class:`~jaxmotion.io.MotionFileWarning`: a frame count that is not the
-number of rows (the rows count), a last row that is cut off (dropped), a name used twice (numbered).
+than rounding: half a unit of the last digit that positions are printed with, and of OFFSET's (but
+at most a hundredth of the longest offset), and a millionth of the longest offset for arithmetic in
+single precision. The root always does. The values are kept as they are, for the file; algorithms
+read a joint that is not translated at its first frame.
+
+Names, channel names and order, end sites and the text of the frame time are kept. Read without
+complaint: any mixture of channels, CRLF, tabs, byte-order marks (UTF-8, UTF-16), Latin-1 names,
+exponents, no line end at the end of the file. Repaired, with a
+:class:`~jaxmotion.io.MotionFileWarning`: a frame count that is not the number of rows (the rows
+count), a last row that is cut off (dropped), a name used twice (numbered).
 
 Writing. Translations are exact (the shortest decimals that read back as the same number); angles
 are unwrapped against the frame before and rounded to 10⁻¹² degrees, so rotations come back to
@@ -25,6 +29,7 @@ import codecs
 import re
 import warnings
 from collections import deque
+from collections.abc import Iterator
 from os import PathLike
 
 import jax
@@ -32,16 +37,27 @@ import numpy as np
 
 from jaxmotion.io import bvh_write
 from jaxmotion.io.atomic import atomic_write
-from jaxmotion.io.bvh_frames import Frames, find_rows, parse_header, parse_rows
+from jaxmotion.io.bvh_frames import (
+    Frames,
+    find_rows,
+    parse_header,
+    parse_rows,
+    row_texts,
+)
 from jaxmotion.io.bvh_hierarchy import Hierarchy, parse_hierarchy, parse_number
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted, read_file
 from jaxmotion.io.euler_blocks import quaternions
 from jaxmotion.io.precision import float_type
+from jaxmotion.io.printed_digits import (
+    LARGEST_ROUNDING,
+    SINGLE_PRECISION,
+    PrintedDigits,
+    printed_digits,
+)
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 
 _MOTION = re.compile(rb"^[ \t}]*(MOTION)[ \t\r]*$", re.IGNORECASE | re.MULTILINE)
-_OFFSET_ROUNDING = 1e-6
 _MOST_POSES_A_BYTE = 100
 
 
@@ -168,8 +184,7 @@ def _read_frames(path, data: bytes, frames: Frames, hierarchy: Hierarchy, dtype)
     rotations[:] = (1, 0, 0, 0)
     columns, targets, groups = _column_map(hierarchy)
     rest = hierarchy.offsets.reshape(-1)[targets]
-    slack = _OFFSET_ROUNDING * np.abs(hierarchy.offsets[1:]).max(initial=0.0)
-    differs = np.zeros(len(targets), bool)
+    apart = np.zeros(len(targets))
     begun = deque()
 
     def finish() -> None:
@@ -181,7 +196,7 @@ def _read_frames(path, data: bytes, frames: Frames, hierarchy: Hierarchy, dtype)
             raise _too_large(path, dtype)
         here = slice(start, start + len(values))
         positions = values[:, columns]
-        differs |= (np.abs(positions - rest) > slack).any(0)
+        np.maximum(apart, np.abs(positions - rest).max(0), out=apart)
         translations[here, targets] = positions
         for (order, used), (members, slots) in groups.items():
             angles = np.zeros((len(values), len(members), 3))
@@ -193,8 +208,38 @@ def _read_frames(path, data: bytes, frames: Frames, hierarchy: Hierarchy, dtype)
             finish()
     while begun:
         finish()
-    moved = {0, *(targets[differs] // 3).tolist()}
-    return translations.reshape(rows.count, joints, 3), rotations, tuple(sorted(moved))
+    texts = row_texts(data, frames, rows)
+    moved = _moved_joints(hierarchy, columns, targets // 3, rest, apart, texts)
+    return translations.reshape(rows.count, joints, 3), rotations, moved
+
+
+def _moved_joints(
+    hierarchy: Hierarchy,
+    columns: np.ndarray,
+    joints: np.ndarray,
+    rest: np.ndarray,
+    apart: np.ndarray,
+    texts: Iterator[bytes],
+) -> tuple[int, ...]:
+    """The root, and the joints that leave their offset by more than rounding.
+
+    ``columns``: of the position channels; ``joints``, ``rest``: their joints and offsets;
+    ``apart``: the most that each is ever from its offset; ``texts``: the rows. These are looked at
+    only where they matter, and no further than that: more rows may show more digits, not fewer.
+    """
+    longest = np.abs(hierarchy.offsets[1:]).max(initial=0.0)
+    single = SINGLE_PRECISION * longest
+    suspects = {*joints[apart > single].tolist()} - {0}
+    of_offsets = printed_digits(" ".join(hierarchy.offset_texts[1:]).encode()).rounding(rest)
+    digits = PrintedDigits()
+    while True:
+        rounding = np.minimum(digits.rounding(rest) + of_offsets, LARGEST_ROUNDING * longest)
+        moved = {*joints[apart > single + rounding].tolist()} - {0}
+        text = next(texts, None) if moved != suspects else None
+        if text is None:
+            return (0, *sorted(moved))
+        shown = printed_digits(text, hierarchy.columns, columns[joints > 0])
+        digits = digits.and_those(shown)
 
 
 def _column_map(hierarchy: Hierarchy):

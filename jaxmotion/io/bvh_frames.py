@@ -125,15 +125,27 @@ def parse_rows(
     **Raises:** :class:`~jaxmotion.io.MotionFileError` naming the first token that is no finite
     number, its line, frame and channel.
     """
+    for done, total, start, stop in _blocks(frames, rows):
+        values = _numbers(data[start:stop], hierarchy.columns, rows.one_a_line)
+        if values is None or len(values) != total - done or not np.isfinite(values).all():
+            raise _bad_token(path, data, (start, stop), done, frames, hierarchy)
+        yield done, values
+
+
+def row_texts(data: bytes, frames: Frames, rows: Rows) -> Iterator[bytes]:
+    """The text of whole rows, a megabyte at a time."""
+    for _, _, start, stop in _blocks(frames, rows):
+        yield data[start:stop]
+
+
+def _blocks(frames: Frames, rows: Rows) -> Iterator[tuple[int, int, int, int]]:
+    """(rows before, rows up to its end, first byte, end) of about a megabyte of rows at a time."""
     first, start, done = 0, frames.start, 0
     while done < rows.count:
         last = int(np.searchsorted(rows.ends, start + _PARSE_BYTES))
         last = min(max(last, first), len(rows.ends) - 1)
         stop, total = int(rows.ends[last]), int(rows.totals[last])
-        values = _numbers(data[start:stop], hierarchy.columns, rows.one_a_line)
-        if values is None or len(values) != total - done or not np.isfinite(values).all():
-            raise _bad_token(path, data, (start, stop), done, frames, hierarchy)
-        yield done, values
+        yield done, total, start, stop
         first, start, done = last + 1, stop, total
 
 

@@ -32,11 +32,13 @@ _BLANKS = re.compile(f"[{_BLANK}]+")
 
 
 class Hierarchy(NamedTuple):
-    """Joints in the file's order, a parent always before its children; offsets in float64."""
+    """Joints in the file's order, a parent always before its children; offsets in float64, and as
+    they are spelt."""
 
     names: list[str]
     parents: list[int]
     offsets: np.ndarray
+    offset_texts: list[str]
     channels: list[tuple[str, ...]]
     layout: list[JointChannels]
     end_joints: list[int]
@@ -99,6 +101,7 @@ class _Scope:
         self.is_end = is_end
         self.line = line
         self.offset: list[float] | None = None
+        self.offset_text = ""
         self.channels: tuple[str, ...] | None = None
 
 
@@ -198,6 +201,7 @@ class _Parser:
             hint = "write decimal points, not commas" if "," in value else ""
             raise self.error(f"OFFSET {quoted(value)}", "three finite numbers", hint)
         self.open[-1].offset = known
+        self.open[-1].offset_text = value
 
     def channels(self, value: str) -> None:
         if not self.open or self.open[-1].is_end or self.open[-1].channels is not None:
@@ -241,6 +245,7 @@ class _Parser:
             self.names,
             self.parents,
             np.array([joint.offset for joint in self.joints], np.float64),
+            [joint.offset_text for joint in self.joints],
             channels,
             [parse_channels(names) for names in channels],
             [end.joint for end in self.ends],

@@ -27,6 +27,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
+from jaxmotion._file_facts import compiled
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.motion import Motion
@@ -129,7 +130,7 @@ def counted_weights(
     return weights * counts.reshape(-1, *[1] * (weights.ndim - 1))
 
 
-@eqx.filter_jit
+@compiled
 def _decompose(
     motion: Motion,
     weights: Array | None,

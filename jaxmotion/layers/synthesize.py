@@ -8,12 +8,12 @@ style that comes and goes. O(T·J), differentiable in everything.
 from collections.abc import Mapping
 from typing import Literal
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import spacetime
+from jaxmotion._file_facts import compiled
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
 from jaxmotion.displacement import Displacement, minus, plus
@@ -62,7 +62,7 @@ def synthesize(
     return spacetime.keep_contacts(edit, original, keep_contacts)
 
 
-@eqx.filter_jit
+@compiled
 def _synthesize(layers: MotionLayers, turning: Array, moving: Array, residual: Array) -> Motion:
     rotations = layers.control.scale(turning).rotations
     control = Displacement(layers.control.scale(moving).translations, rotations)
@@ -104,7 +104,7 @@ def denoise(
     return synthesize(layers, 1.0, kept)
 
 
-@eqx.filter_jit
+@compiled
 def _without_noise(
     motion: Motion, weights: Array | None, kept: Array, method: Literal["chordal", "geodesic"]
 ) -> Motion:

@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
+from jaxmotion._file_facts import compiled, file_fact
 from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
@@ -62,7 +63,7 @@ class CompressedMotion(eqx.Module):
     translation_error: float = eqx.field(static=True)
     rotation_error: float = eqx.field(static=True)
     frames: tuple[int, ...] = eqx.field(static=True)
-    frame_time_text: str | None = eqx.field(static=True)
+    frame_time_text: str | None = file_fact()
 
     def decompress(self) -> Motion:
         """The motion, within the errors."""
@@ -144,7 +145,7 @@ def compress(
     )
 
 
-@eqx.filter_jit
+@compiled
 def _quantise(
     motion: Motion, levels: int, times: Array | None, shift_step: Array, turn_step: Array
 ) -> tuple[Pyramid, list[tuple[Array, Array]], Motion]:

@@ -9,10 +9,10 @@ returns a motion of the input's frames. Contacts are kept on request. O(T·J),
 differentiable in the clips, the level and the gains.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 
 from jaxmotion import spacetime
+from jaxmotion._file_facts import compiled
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
 from jaxmotion.displacement import Displacement, minus, plus
@@ -97,7 +97,7 @@ def blend(
     return spacetime.keep_contacts(mixed, second, keep_contacts)
 
 
-@eqx.filter_jit
+@compiled
 def _blend(reference: Pyramid, first: Pyramid, second: Pyramid) -> Motion:
     def mixed(a: Displacement, b: Displacement, c: Displacement) -> Displacement:
         return Displacement(

@@ -25,6 +25,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from jaxmotion._file_facts import compiled, file_fact
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
@@ -58,7 +59,7 @@ class Pyramid(eqx.Module):
     frames of the finest level count, None for all; ``frames``: of each level, base first, N + 1
     numbers, static; ``skips``: how many frames each expansion drops at its front, N numbers,
     static, 0 or (in clips that were continued at their start) 1; ``lazy``: static;
-    ``frame_time_text``: the motion's, static.
+    ``frame_time_text``: the motion's, a file fact.
     """
 
     base: Motion
@@ -68,7 +69,7 @@ class Pyramid(eqx.Module):
     frames: tuple[int, ...] = eqx.field(static=True)
     skips: tuple[int, ...] = eqx.field(static=True)
     lazy: bool = eqx.field(static=True)
-    frame_time_text: str | None = eqx.field(static=True)
+    frame_time_text: str | None = file_fact()
 
     @property
     def levels(self) -> int:
@@ -120,7 +121,7 @@ def level_count(frames: int, levels: int | None, caller: str) -> int:
     return levels
 
 
-@eqx.filter_jit
+@compiled
 def _build(
     motion: Motion, levels: int, times: Array | None, lazy: bool, length: Array | None
 ) -> Pyramid:
@@ -141,7 +142,7 @@ def _build(
     )
 
 
-@eqx.filter_jit
+@compiled
 def synthesize(pyramid: Pyramid, gains: Float[Array, "level joint"]) -> Motion:
     """Base ⊕ details, each level's and joint's times its gain."""
     moving = pyramid.base.translated_joints

@@ -23,7 +23,6 @@ in the clips (not in the choice of the cut).
 from collections.abc import Sequence
 from dataclasses import replace
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -31,6 +30,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 
 from jaxmotion import quaternion, spacetime
+from jaxmotion._file_facts import compiled
 from jaxmotion.contacts import Contacts
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
@@ -157,7 +157,7 @@ def follow(first: Motion, second: Motion) -> Motion:
     return _follow(first, second)
 
 
-@eqx.filter_jit
+@compiled
 def _follow(first: Motion, second: Motion) -> Motion:
     up = np.eye(3)["xyz".index(second.skeleton.up)]
     end, start = first.rotations[-1, 0], second.rotations[0, 0]
@@ -185,11 +185,11 @@ def _end_to_end(first: Motion, second: Motion) -> Motion:
 def _stitch(first: Motion, second: Motion, levels: int) -> Motion:
     # Not one program: clips of one length share theirs.
     ends, starts = build_pyramid(first[::-1], levels), build_pyramid(second, levels)
-    return _concatenated(ends, starts, first.frame_time_text).reconstruct()
+    return _concatenated(ends, starts).reconstruct()
 
 
-@eqx.filter_jit
-def _concatenated(ends: Pyramid, starts: Pyramid, frame_time_text: str | None) -> Pyramid:
+@compiled
+def _concatenated(ends: Pyramid, starts: Pyramid) -> Pyramid:
     a, b = _reversed(ends), starts
     half = jnp.asarray(0.5, a.base.dtype)
     middle = quaternion.slerp(a.base.rotations[-1], b.base.rotations[0], half)
@@ -211,7 +211,7 @@ def _concatenated(ends: Pyramid, starts: Pyramid, frame_time_text: str | None) -
         frames=tuple(x + y - 1 for x, y in zip(a.frames, b.frames, strict=True)),
         skips=a.skips,
         lazy=False,
-        frame_time_text=frame_time_text,
+        frame_time_text=ends.frame_time_text,
     )
 
 

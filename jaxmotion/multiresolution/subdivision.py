@@ -5,10 +5,10 @@ become 2K − 1 or, on request, one less; every second of them is one of the giv
 the motion and the times. One clip; vmap for several.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxmotion._file_facts import compiled
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.cascade import merged
 from jaxmotion.multiresolution.levels import (
@@ -88,7 +88,7 @@ def coarser_times(times: Times) -> Float[Array, " coarse"]:
     return jnp.concatenate([times[:1], times[0] + jnp.cumsum(spacing)])
 
 
-@eqx.filter_jit
+@compiled
 def _reduce(motion: Motion, times: Array | None) -> Motion:
     if motion.num_frames < 2:
         return motion
@@ -97,7 +97,7 @@ def _reduce(motion: Motion, times: Array | None) -> Motion:
     return motion_of((coarse.translations, coarse.rotations), motion, 2.0)
 
 
-@eqx.filter_jit
+@compiled
 def _expand(motion: Motion, frames: int, times: Array | None) -> Motion:
     if motion.num_frames < 2:
         return motion

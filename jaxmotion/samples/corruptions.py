@@ -19,6 +19,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, PRNGKeyArray, UInt32
 
 from jaxmotion import quaternion
+from jaxmotion._file_facts import compiled
 from jaxmotion._types import ScalarLike
 from jaxmotion.motion import Motion
 
@@ -83,7 +84,7 @@ def flip_signs(motion: Motion, key: Key, *, rate: ScalarLike = 0.05) -> Corrupte
     return _flip(motion, key, jnp.asarray(rate, motion.dtype))
 
 
-@eqx.filter_jit
+@compiled
 def _add_noise(motion, key, rotation, translation):
     q, p = motion.rotations, motion.translations
     noise = jax.random.normal(key, (*q.shape[:-1], 6), q.dtype)
@@ -102,7 +103,7 @@ def _add_noise(motion, key, rotation, translation):
     )
 
 
-@eqx.filter_jit
+@compiled
 def _drop(motion, key, rate):
     frames = jnp.arange(motion.num_frames)
     lost = (jax.random.uniform(key, frames.shape, motion.dtype) < rate) & (frames > 0)
@@ -113,7 +114,7 @@ def _drop(motion, key, rate):
     )
 
 
-@eqx.filter_jit
+@compiled
 def _slide(motion, key, amount):
     kind, skeleton = motion.dtype, motion.skeleton
     depth = [jnp.zeros((), kind)]
@@ -134,7 +135,7 @@ def _slide(motion, key, amount):
     return Corrupted(motion.with_transforms(moved), mask)
 
 
-@eqx.filter_jit
+@compiled
 def _flip(motion, key, rate):
     mask = jax.random.uniform(key, motion.rotations.shape[:-1], motion.dtype) < rate
     return replace_where(motion, mask, -motion.rotations)

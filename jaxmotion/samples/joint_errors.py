@@ -17,13 +17,13 @@ The set is the one Aristidou et al. 2018, §5, describe in words; the magnitudes
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from jaxmotion import quaternion
+from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
 from jaxmotion.motion import Motion
 from jaxmotion.samples.corruptions import Corrupted, Key, replace_where
@@ -188,7 +188,7 @@ def _scale(u, bounds):
     return bounds[0] + (bounds[1] - bounds[0]) * u
 
 
-@eqx.filter_jit
+@compiled
 def _offset(motion, key, runs, magnitude, length, joints):
     drawn = _draw_runs(motion, key, runs, length, joints)
     height, around = 2 * drawn.spare[:, 0] - 1, 2 * jnp.pi * drawn.spare[:, 1]
@@ -199,7 +199,7 @@ def _offset(motion, key, runs, magnitude, length, joints):
     return replace_where(motion, drawn.hit, turned)
 
 
-@eqx.filter_jit
+@compiled
 def _violate_limits(motion, key, runs, excess, length, joints):
     drawn = _draw_runs(motion, key, runs, length, joints)
     v = quaternion.log(quaternion.between(motion.rotations[:1], motion.rotations))
@@ -214,7 +214,7 @@ def _violate_limits(motion, key, runs, excess, length, joints):
     return replace_where(motion, drawn.hit, quaternion.multiply(motion.rotations[:1], beyond))
 
 
-@eqx.filter_jit
+@compiled
 def _freeze(motion, key, runs, length, joints):
     drawn = _draw_runs(motion, key, runs, length, joints, earliest=1)
     frame = jnp.broadcast_to(drawn.spread(drawn.start - 1), drawn.hit.shape)
@@ -223,7 +223,7 @@ def _freeze(motion, key, runs, length, joints):
     return replace_where(motion, drawn.hit, held)
 
 
-@eqx.filter_jit
+@compiled
 def _swap(motion, key, runs, length, partner):
     partner = np.array(partner)
     hit = _draw_runs(motion, key, runs, length, (0,)).hit[:, :1]

@@ -81,7 +81,9 @@ def tune(
     much shares one pair ("joint": the first channel axis; a signal without one counts as one
     joint); others as :func:`~jaxmotion.smoothing.lgs`.
     **Returns:** :class:`Tuning`, or for a motion :class:`MotionTuning`, ready for
-    ``smooth_quaternions`` and ``smooth_motion``. Data too short to learn from (n ≤ 0) get ρ = 1.
+    ``smooth_quaternions`` and ``smooth_motion``. Data too short to learn from (n ≤ 0) get ρ = 1;
+    data that keep still but for rounding (8 eps of their size), which hold neither noise nor
+    movement, ρ = σ = 1 (rotations of a motion: σ = √(4/3), as all of them are scaled).
     **Raises:** ``ValueError`` for unknown options; as ``lgs`` for bad data.
     """
     options = {"criterion": criterion, "per": per, "order": order, "scale": scale}
@@ -154,6 +156,8 @@ def _tune(y, weights, index, criterion: str, num_frames, order, scale) -> Tuning
     size = jnp.sum(present * y * y, axis=(0, 2))
     floor = (8 * jnp.finfo(y.dtype).eps) ** 2 * jnp.where(size > 0, size, count)
     free = count - order * y.shape[2]
+    mean = jnp.sum(present * y, axis=0) / jnp.maximum(jnp.sum(present, axis=0), 1)
+    still = jnp.sum(present * (y - mean) ** 2, axis=(0, 2)) <= floor
 
     def smooth(s, weights) -> Posterior:
         return lgs(
@@ -183,7 +187,7 @@ def _tune(y, weights, index, criterion: str, num_frames, order, scale) -> Tuning
         return jnp.log(floor + _held_out(smooth, s, y, base * present)), rss / degrees
 
     grid = jnp.asarray(_GRID, y.dtype)
-    learnable = jnp.where(free > 0, 1, 0).astype(y.dtype)
+    learnable = jnp.where((free > 0) & ~still, 1, 0).astype(y.dtype)
 
     def probe(state, k):
         """One look at the criterion: along the grid first, then halving the best bracket."""
@@ -203,7 +207,8 @@ def _tune(y, weights, index, criterion: str, num_frames, order, scale) -> Tuning
     start = (jnp.inf * everywhere, grid[0] * everywhere, grid[-1] * everywhere)
     looks = jnp.arange(len(_GRID) + _BISECTIONS + 1)
     s, found, variance = (x[-1] for x in jax.lax.scan(probe, start, looks)[1])
-    sigma = jnp.sqrt(variance)
+    sigma = jnp.where(still, 1, jnp.sqrt(variance))
+    variance = jnp.where(still, 1, variance)
     lam = jnp.exp(s) / (sigma if order == 2 else variance)
     return Tuning(lam, sigma, found)
 

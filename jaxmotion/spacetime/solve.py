@@ -39,6 +39,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import raise_faults, safe_norm
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.contacts import Contacts, limb_lengths
@@ -157,7 +158,7 @@ def satisfy(
     )
 
 
-@eqx.filter_jit
+@compiled
 def _satisfy(motion, contacts, limits, floor, weights, ramp, method, tolerance, max_steps):
     target = jnp.asarray(contacts.target, motion.dtype)
     bad = ~jnp.all(jnp.isfinite(target) | ~contacts.mask[..., None])

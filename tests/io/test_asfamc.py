@@ -574,3 +574,17 @@ def test_frame_rates_survive(tmp_path, dtype):
             assert again == clip.frame_time
     save_amc(motion, tmp_path / "rate.amc")
     assert ":SAMPLES-PER-SECOND 120.0\n" in (tmp_path / "rate.amc").read_text()
+
+
+def test_a_bone_with_translations_that_stay_nought_is_not_translated(tmp_path):
+    """Some programs write all six dofs for every bone."""
+    asf = ASF.replace("dof rz rx\n", "dof rz rx tx ty tz\n")
+    asf = asf.replace("(-inf inf)", "(-inf inf) (-1 1) (-1 1) (-1 1)")
+    for shift, moved in (("0 -0.0 1e-9", (0, 3)), ("0 1e-3 0", (0, 2, 3))):
+        amc = AMC.replace("KNEE 15 -40", "KNEE 15 -40 0 0 0").replace("16 -41", f"16 -41 {shift}")
+        motion = load_amc(write(tmp_path, amc, asf))
+        assert motion.translated_joints == moved
+        save_amc(motion, tmp_path / "out.amc")
+        back = load_amc(tmp_path / "out.amc")
+        assert back.skeleton.channels == motion.skeleton.channels
+        np.testing.assert_allclose(back.translations, motion.translations, atol=1e-8)

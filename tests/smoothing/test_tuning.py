@@ -212,3 +212,29 @@ def test_a_loss_of_one_s_own_teaches_lam_by_joint_and_by_frame():
     alike = min(float(error(jnp.array([a, b]), start[1])) for a in range(6) for b in range(6))
     assert error(lam, firm) < 0.7 * alike
     assert jnp.min(firm[27:34, 1]) < jnp.min(firm[:20, 1]) - 0.5
+
+
+@pytest.mark.parametrize("criterion", ["evidence", "holdout"])
+def test_what_keeps_still_but_for_rounding_teaches_nothing(criterion, dtype):
+    """No λ of 10¹⁹ from the last bits of a constant; what is beside it is learned from."""
+    rng = np.random.default_rng(4)
+    _, noisy = from_the_prior(20.0, frames=40, channels=3)
+    constant = np.broadcast_to([1.3631, -1.7946, 93.523], (40, 3))
+    bits = np.nextafter(constant.astype(dtype), np.where(rng.uniform(size=(40, 3)) < 0.5, 0, 100))
+    y = np.stack([constant, noisy, bits, 0 * constant], axis=1).astype(dtype)
+    found = tune(jnp.asarray(y), criterion=criterion)
+    assert np.all(np.isfinite(found.score))
+    for x in (found.lam, found.sigma):
+        np.testing.assert_array_equal(x[np.array([0, 2, 3])], 1)
+    assert 5 < found.lam[1] * found.sigma[1] < 80  # 20, from 40 frames
+    assert 0.1 < found.sigma[1] < 1
+
+
+def test_a_joint_that_is_said_to_move_and_does_not():
+    motion = random_motion(np.random.default_rng(0), 12, 3, translated=False)
+    parts = motion.translations, motion.rotations, motion.frame_time
+    found = tune(jm.Motion(motion.skeleton, *parts))
+    assert isinstance(found, MotionTuning)
+    np.testing.assert_array_equal(found.translations.lam[1:], 1)
+    np.testing.assert_array_equal(found.translations.sigma[1:], 1)
+    assert found.translations.sigma[0] != 1
