@@ -69,11 +69,17 @@ def guarded(process: "Callable[[Job], Difference | str | None]", job: Job) -> Ou
     return outcome
 
 
+class Notice(UserWarning):
+    """What an edit has to say of a motion besides its result; told with the file's name."""
+
+
 def told(caught: list[warnings.WarningMessage], *paths: Path) -> list[str]:
-    """What a user should hear of: repairs and changes of layout, without the ``paths`` in front."""
+    """What a user should hear of: repairs, changes of layout and notices, without the ``paths`` in
+    front."""
     from jaxmotion.io import MotionFileWarning
 
-    texts = [str(w.message) for w in caught if issubclass(w.category, MotionFileWarning)]
+    kinds = (MotionFileWarning, Notice)
+    texts = [str(w.message) for w in caught if issubclass(w.category, kinds)]
     for path in paths:
         texts = [text.removeprefix(f"{printable(path)}: ") for text in texts]
     return texts

@@ -1,5 +1,6 @@
 """``jaxmotion multires``: a motion's levels of detail, stronger or weaker or left out."""
 
+import warnings
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from jaxmotion.cli._options import (
     running_options,
     selection_options,
 )
+from jaxmotion.cli._work import Notice
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -40,7 +42,8 @@ class Gains(click.ParamType):
     "--gains",
     type=Gains(),
     help="How much of every level, coarse to fine: 1.5,1,1 exaggerates the broadest, 1,1,0 leaves "
-    "out the finest. There are as many levels as numbers.",
+    "out the finest. There are as many levels as numbers; a clip too short for them has the finest "
+    "of them.",
 )
 @click.option(
     "--level",
@@ -51,7 +54,8 @@ class Gains(click.ParamType):
 @click.option(
     "--levels",
     type=click.IntRange(0),
-    help="Into how many levels to take a motion for --level; by default 6 or what it allows.",
+    help="Into how many levels to take a motion for --level; by default 6 or what it allows, and "
+    "never more than it allows.",
 )
 @keep_contacts_option
 @selection_options
@@ -91,15 +95,26 @@ def edit(
     levels: int | None,
     keep_contacts: bool,
 ) -> "Motion":
-    """The library's gains or level of detail on a padded clip."""
+    """The library's gains or level of detail on a padded clip, with no more levels than it has: the
+    finest, which are as fine in a short clip as in a long one."""
     import numpy as np
 
     from jaxmotion.multiresolution import build_pyramid, level_of_detail, scale_details
+    from jaxmotion.multiresolution.cascade import level_sizes
     from jaxmotion.multiresolution.pyramid import level_count
 
     wanted = len(gains) if gains is not None else levels
-    number = level_count(length, wanted, "multires")
+    most = len(level_sizes(length)) - 1
+    number = level_count(length, wanted if wanted is None else min(wanted, most), "multires")
+    if wanted is not None and number < wanted:
+        text = f"{_counted(length, 'frame')}: {_counted(number, 'level')} of detail, not {wanted}"
+        warnings.warn(text, Notice, stacklevel=2)
     pyramid = build_pyramid(motion, number, length=length)
     if gains is not None:
-        return scale_details(pyramid, np.asarray(gains), keep_contacts=keep_contacts)
+        kept = np.asarray(gains)[len(gains) - number :]
+        return scale_details(pyramid, kept, keep_contacts=keep_contacts)
     return level_of_detail(pyramid, level or 0.0, keep_contacts=keep_contacts)
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

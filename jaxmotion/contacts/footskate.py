@@ -252,7 +252,8 @@ def _assemble(motion, pose, joints, shift, solved, turned, moved, stretched: boo
     if stretched:
         scale = jnp.where(moved, solved.scale, 1)[..., None]
         for joint in (middle, end):
-            translations = translations.at[:, joint].multiply(scale)
+            stretched_bones = scale * translations[:, joint]
+            translations = translations.at[:, joint].set(stretched_bones)
         moving |= {int(j) for j in (*middle, *end)}
     return Motion(
         motion.skeleton,

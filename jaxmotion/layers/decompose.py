@@ -12,7 +12,8 @@ keeps the noise of all joints, and no smoothing of δ can take it out again.
 than γ is close to turning the other way round, so the climb stops at the first rung where any
 frame's ‖v‖ exceeds γ, and the rung below is the base (the lowest rung is always allowed). A calm
 motion never gets there: at λσ = 10⁶ the base is as good as a straight line, and ``saturated`` says
-that the climb ended at the top. No gradient passes through the choice of the rung.
+that the climb ended at the top (the exact smoother ends it at λσ = 1000 in float32, where its
+digits end). No gradient passes through the choice of the rung.
 
 ⊕ is the world sense of :mod:`jaxmotion.displacement` (p + u, q·exp(v), full angle). Rungs are tried
 one after the other, each O(T·J).
@@ -32,7 +33,7 @@ from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing import MotionTuning, lgs, smooth_motion, tune
-from jaxmotion.smoothing.rotations import from_components, to_components
+from jaxmotion.smoothing.rotations import from_components, geodesic_limit, to_components
 from jaxmotion.smoothing.tuning import Criterion
 
 _RATIO = np.sqrt(2.0)
@@ -146,7 +147,9 @@ def _decompose(
     tuning, clean = None, motion
     if criterion is not None:
         tuning, clean = without_noise(motion, criterion, order, weights, method)
-    rung, saturated = _climb(jax.lax.stop_gradient(clean.rotations), weights, gamma, scope, order)
+    rungs = _rungs_of(method, order, motion.dtype)
+    still = jax.lax.stop_gradient(clean.rotations)
+    rung, saturated = _climb(still, weights, gamma, scope, order, rungs)
     lam, sigma = _rung_parameters(rung, motion.dtype)
     base = smooth_motion(clean, lam, sigma, order=order, weights=weights, method=method)
     whole = minus(clean, base)
@@ -177,9 +180,12 @@ def without_noise(
     tuning = tune(motion, criterion=criterion, order=order, weights=weights)
     assert isinstance(tuning, MotionTuning)
     turning, moving = tuning.rotations, tuning.translations
+    lam = turning.lam
+    if method == "geodesic":  # still joints learn a smoother that is as stiff as can be
+        lam = jnp.minimum(lam, geodesic_limit(order, motion.dtype) / turning.sigma ** (3 - order))
     clean = smooth_motion(
         motion,
-        turning.lam,
+        lam,
         turning.sigma,
         translation_lam=moving.lam,
         translation_sigma=moving.sigma,
@@ -190,7 +196,22 @@ def without_noise(
     return tuning, clean
 
 
-def _climb(rotations: Array, weights: Array | None, gamma: Array, scope: str, order: Literal[1, 2]):
+def _rungs_of(method: str, order: Literal[1, 2], dtype) -> int:
+    """How many rungs there are, for the exact smoother as many as keep its digits."""
+    if method == "chordal":
+        return RUNGS
+    lam, sigma = (start * _RATIO ** np.arange(RUNGS) for start in (_LAM_0, _SIGMA_0))
+    return int(np.sum(lam * sigma ** (3 - order) <= geodesic_limit(order, dtype)))
+
+
+def _climb(
+    rotations: Array,
+    weights: Array | None,
+    gamma: Array,
+    scope: str,
+    order: Literal[1, 2],
+    rungs: int,
+):
     """The last rung before the first whose displacements pass γ, and whether there was none."""
     joints = rotations.shape[1] if scope == "per_joint" else 1
     components = to_components(rotations, weights)
@@ -209,7 +230,7 @@ def _climb(rotations: Array, weights: Array | None, gamma: Array, scope: str, or
 
     def climbing(state):
         k, stopped, _ = state
-        return (k < RUNGS) & ~jnp.all(stopped)
+        return (k < rungs) & ~jnp.all(stopped)
 
     def try_rung(state):
         k, stopped, best = state

@@ -127,6 +127,7 @@ def _trust(
     there = given[..., None] > 0
     rounding = 8 * eps * jnp.sqrt(jnp.max(jnp.where(there, y * y, 0), axis=(0, 2))) + tiny
     distance = jnp.linalg.norm(jnp.where(there, residual, 0), axis=-1)
+    distance = jnp.where(distance > rounding, distance, 0)  # what nothing contradicts has h = 1
     distance = distance / jnp.sqrt(jnp.clip(1 - leverage, min=eps))
     used = jnp.where(there[..., 0] & (weights > 0), distance, jnp.nan)
     step = jnp.linalg.norm(jnp.diff(fitted, axis=0, prepend=fitted[:1]), axis=-1)
@@ -156,4 +157,4 @@ def _turns_away(q: Array, there: Array) -> Array:
     across = jnp.concatenate([nothing, across, nothing])[: q.shape[0]]
     beside = jnp.fmin(jnp.roll(until, -1, axis=0), jnp.roll(since, 1, axis=0))
     near = jnp.where(jnp.isnan(across), beside, across)
-    return jnp.fmin(since, until) > _AWAY * (near + jnp.nanmedian(step, axis=0))
+    return jnp.fmin(since, until) > _AWAY * (near + jnp.nanmedian(since, axis=0))

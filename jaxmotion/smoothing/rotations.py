@@ -170,6 +170,13 @@ def smooth_motion(
     return motion.with_transforms(translations, rotations)
 
 
+def geodesic_limit(order: Literal[1, 2], dtype) -> float:
+    """The largest λσ (order 1: λσ²) that ``method="geodesic"`` serves: half of what one sample adds
+    to the normal equations is lost to rounding, beside 16 (λσ/2)² (order 1: 8 λσ²) of the prior."""
+    eps = float(jnp.finfo(dtype).eps)
+    return (1 / (8 * eps)) ** 0.5 if order == 2 else 1 / (16 * eps)
+
+
 def _check_options(
     method: Method,
     signs: Signs,

@@ -1,12 +1,12 @@
 """Iterative motion warping: bend a source clip in time and in space onto a reference.
 
-    E(W, a, b) = Σ_c ‖W (s_c a_c + b_c) − r_c‖² + w_a² ‖D a_c‖² + w_b² ‖D b_c‖²
+    E(W, a, b) = Σ_c ‖W (s_c a_c + b_c) − r_c‖² + w_a² ‖σ_c D a_c‖² + w_b² ‖D (b_c + o_c a_c)‖²
 
 s ``(N_s, C)`` is the source and r ``(m N_r, C)`` the reference, each of its frames repeated m
 times; c runs over the C channels (degrees of freedom); a, b ``(N_s, C)`` are scale and offset, D
-takes first differences, w_a and w_b are the smoothness. The warp W repeats source frame i w_i times
-in place, 1 ≤ w_i ≤ m², Σ w_i = m N_r: local slopes lie between 1/m and m, and the source may be the
-longer clip.
+takes first differences, w_a and w_b are the smoothness, o_c and σ_c the mean of s_c and its rms
+deviation from it. The warp W repeats source frame i w_i times in place, 1 ≤ w_i ≤ m², Σ w_i =
+m N_r: local slopes lie between 1/m and m, and the source may be the longer clip.
 
 Coordinate descent from a = 1, b = 0, each half exact, so E never rises:
 
@@ -15,9 +15,14 @@ Coordinate descent from a = 1, b = 0, each half exact, so E never rises:
   r_jc)². O(N_s N_r m³).
 - a, b by the normal equations, block-tridiagonal with a 2 × 2 block per source frame. O(N_s C).
 
-It stops when W repeats itself or a and b move by less than ``tolerance``. E is in the channels'
-units squared; angles in radians. Sources: Hsu, Pulli & Popović 2005; Wu et al. §4, eq. 1-3 (whose
-extra ‖Db‖² in eq. 1 contradicts its eq. 3 and is left out).
+It stops when W repeats itself or a and b move the signal by less than ``tolerance``. E is in the
+channels' units squared; angles in radians. Sources: Hsu, Pulli & Popović 2005; Wu et al. §4, eq.
+1-3 (whose extra ‖Db‖² in eq. 1 contradicts its eq. 3 and is left out). They have w_a² ‖D a‖² and
+w_b² ‖D b‖², which is the same for channels of mean 0 and rms 1, and for others depends on their
+unit and origin. Here it does not: with k s + h and k r + h for s and r, W and a are the same, b
+becomes k b + h (1 − a), and E becomes k² E (k for one channel alone may change W, which weighs the
+channels against each other). It is all worked out on z = (s − o)/u and (r − o)/u, where nothing
+large cancels: a z + β, b = u β + o (1 − a).
 
 Sharp bits: a constant source channel cannot tell scale from offset; its scale is 1. W is a discrete
 choice and passes no derivative; ``scale`` and ``offset`` are differentiable given W, implicitly.
@@ -25,6 +30,7 @@ Energies carry no derivative.
 """
 
 import math
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -34,7 +40,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._types import AnyArray
-from jaxmotion.linalg.block_banded import block_banded_solve
 from jaxmotion.timing.frame_distance import frame_distance
 
 
@@ -100,16 +105,18 @@ def motion_warping(
         slope: m, the steepest local slope either way; by default the smallest that fits both
             clips, at least 2.
         scale_smoothness: w_a > 0, weight of the first difference of the scale.
-        offset_smoothness: w_b > 0, the same for the offset.
+        offset_smoothness: w_b > 0, the same for the offset. What the normal equations
+            have no digits for, below 16 m √ε of the dtype, is refused.
         max_iterations: most rounds of warp and fit.
-        tolerance: largest change of scale and offset that counts as none.
+        tolerance: largest change of the scaled and shifted channels that counts as none, as a share
+            of their spread.
 
     Returns:
         :class:`MotionWarp`.
 
     Raises:
         ValueError: shapes that do not fit, a slope too small for these lengths, or a smoothness
-            that is not positive.
+            outside of what the dtype can solve. At run time for clips that are not finite.
     """
     source, reference = jnp.asarray(source), jnp.asarray(reference)
     num_source, num_reference = source.shape[0], reference.shape[0]
@@ -119,14 +126,18 @@ def motion_warping(
             f"source has shape {source.shape} and reference {reference.shape};"
             " want (N_s, C) and (N_r, C), no axis empty"
         )
-    if min(scale_smoothness, offset_smoothness) <= 0:
-        raise ValueError(
-            f"scale_smoothness={scale_smoothness}, offset_smoothness={offset_smoothness};"
-            " want both above 0"
-        )
     m = _slope_that_fits(slope, num_source, num_reference)
     smoothness = (scale_smoothness, offset_smoothness)
-    return _warp(source, reference, shared, m, smoothness, max_iterations, tolerance)
+    kind = jnp.finfo(source.dtype)
+    least, most = 16 * m * math.sqrt(kind.eps), float(kind.eps) / math.sqrt(kind.tiny)
+    if not least <= min(smoothness) <= max(smoothness) <= most:
+        raise ValueError(
+            f"scale_smoothness={scale_smoothness}, offset_smoothness={offset_smoothness}; want both"
+            f" from {least:.1g} to {most:.1g}, which {source.dtype} can solve with slope {m}"
+        )
+    weights = jnp.asarray(smoothness, source.dtype)
+    enough = jnp.asarray(tolerance, source.dtype)
+    return _warp(source, reference, shared, m, weights, max_iterations, enough)
 
 
 @eqx.filter_jit
@@ -135,22 +146,46 @@ def _warp(
     reference: Array,
     shared: bool,
     m: int,
-    smoothness: tuple[float, float],
+    smoothness: Float[Array, "2"],
     max_iterations: int,
-    tolerance: float,
+    tolerance: Float[Array, ""],
 ) -> MotionWarp:
-    fixed = lax.stop_gradient((source, reference))
+    odd = ~(jnp.all(jnp.isfinite(source)) & jnp.all(jnp.isfinite(reference)))
+    message = "motion_warping: source and reference must be finite"
+    source, reference = eqx.error_if((source, reference), odd, message)
+    unit = _power_of_two_below(source - source[0], reference - source[0])
+    z, target, origin = _about_the_mean(source / unit, reference / unit)
+    fixed = lax.stop_gradient((z, target))
 
-    def descend(s, r):
-        return _descend(s, r, m, smoothness, max_iterations, tolerance)
+    def descend(z, target):
+        return _descend(z, target, m, smoothness, max_iterations, tolerance)
 
     if shared:
         runs, energy, converged, iterations = descend(*fixed)
     else:
-        one_channel = jax.vmap(lambda s, r: descend(s[:, None], r[:, None]), 1, -1)
+        one_channel = jax.vmap(lambda z, target: descend(z[:, None], target[:, None]), 1, -1)
         runs, energy, converged, iterations = one_channel(*fixed)
-    scale, offset = _fit(source, reference, runs, m, smoothness)
+    scale, offset = _fit(z, target, runs, m, smoothness)
+    offset = unit * (offset + origin * (1 - scale))
+    energy = unit * (unit * energy)
     return MotionWarp(runs, scale, offset, energy, converged, iterations, m, m * reference.shape[0])
+
+
+def _power_of_two_below(*signals: Array) -> Array:
+    """What to divide by, exactly, so that no square leaves the range of floating point."""
+    size = jnp.max(jnp.stack([jnp.max(jnp.abs(x)) for x in signals]))
+    size = lax.stop_gradient(jnp.where(size > 0, size, 1))
+    return jnp.ldexp(jnp.ones_like(size), jnp.frexp(size)[1] - 1)
+
+
+def _about_the_mean(s: Array, r: Array) -> tuple[Array, Array, Array]:
+    """s and r less the mean of s ``(C,)``; a channel that moves by no more than its rounding has
+    none of it left. The first frame goes first, as sums of what is left do not round so much."""
+    swing = s - s[0]
+    middle = jnp.mean(swing, axis=0)
+    rounding = 4 * jnp.finfo(s.dtype).eps * jnp.max(jnp.abs(s), axis=0)
+    moves = jnp.max(jnp.abs(swing), axis=0) > rounding
+    return jnp.where(moves, swing - middle, 0), (r - s[0]) - middle, s[0] + middle
 
 
 def unwarp(
@@ -200,14 +235,15 @@ def _slope_that_fits(slope, num_source, num_reference) -> int:
 def _descend(s, r, m, smoothness, max_iterations, tolerance):
     """Alternate the two exact half steps: runs ``(N_s,)``, energies, converged, iterations."""
     refined = jnp.repeat(r, m, axis=0)
-    longest = jnp.asarray(tolerance, s.dtype)
+    swing = jnp.sqrt(_mean_square(s))
+    enough = tolerance * jnp.sqrt(_mean_square(s) + _mean_square(r))
 
     def energy_of(a, b, runs):
         index = _source_index(runs, num_refined=refined.shape[0])
         data = jnp.sum(((s * a + b)[index] - refined) ** 2)
         rough = [
             w**2 * jnp.sum(jnp.diff(x, axis=0) ** 2)
-            for w, x in zip(smoothness, (a, b), strict=True)
+            for w, x in zip(smoothness, (swing * a, b), strict=True)
         ]
         return data + rough[0] + rough[1]
 
@@ -217,8 +253,8 @@ def _descend(s, r, m, smoothness, max_iterations, tolerance):
         new_a, new_b = _fit(s, r, runs, m, smoothness)
         pair = jnp.stack([energy_of(a, b, runs), energy_of(new_a, new_b, runs)])
         energies = lax.dynamic_update_slice(energies, pair, (2 * count,))
-        still = jnp.maximum(jnp.max(jnp.abs(new_a - a)), jnp.max(jnp.abs(new_b - b))) < longest
-        done = still | jnp.all(runs == old_runs)
+        moved = jnp.maximum(swing * jnp.abs(new_a - a), jnp.abs(new_b - b))
+        done = jnp.all(moved <= enough) | jnp.all(runs == old_runs)
         return count + 1, new_a, new_b, runs, energies, done
 
     start = (
@@ -267,28 +303,92 @@ def _shift_in(values, outside):
     return lax.pad(values[:-1], jnp.asarray(outside, values.dtype), [(1, 0, 0)])
 
 
+def _mean_square(s):
+    return jnp.mean(s**2, axis=0)
+
+
 def _fit(s, r, runs, m, smoothness):
-    """Scale and offset ``(N_s, C)`` of least energy for given runs; differentiable."""
+    """Scale and offset ``(N_s, C)`` of least energy for given runs; differentiable.
+
+    The unknowns are x = (w_a σ a, w_b b), whose differences all count the same.
+    """
     w_a, w_b = smoothness
-    spread = jnp.max(s, axis=0) - jnp.min(s, axis=0)
-    constant = spread <= math.sqrt(jnp.finfo(s.dtype).eps) * jnp.max(jnp.abs(s), axis=0)
-    # A constant channel keeps scale 1: it leaves the data term and is held there by its own.
-    moving = jnp.where(constant, 0, s)
+    variance = _mean_square(s)
+    constant = variance == 0  # keeps scale 1: it leaves the data term and is held there by its own
+    swing = jnp.sqrt(jnp.where(constant, 1, variance))
+    z = s / (w_a * swing)
     w = runs.astype(s.dtype).reshape(s.shape[0], -1)
     sums = _per_channel(_run_sums, runs, jnp.repeat(r, m, axis=0))
-    sums = sums - jnp.where(constant, w * s, 0)
-    links = jnp.full(s.shape, 2, s.dtype).at[0].add(-1).at[-1].add(-1)
-    ws = w * moving
-    diagonal = [
-        [ws * moving + w_a**2 * links + constant.astype(s.dtype), ws],
-        [ws, jnp.broadcast_to(w + w_b**2 * links, s.shape)],
-    ]
-    none = jnp.zeros_like(s)
-    below = [[none - w_a**2, none], [none, none - w_b**2]]
-    blocks = jnp.stack([jnp.stack([jnp.stack(row) for row in b]) for b in (diagonal, below)])
-    pull = jnp.stack([moving * sums + constant.astype(s.dtype), sums], axis=1)
-    x = block_banded_solve(jnp.moveaxis(blocks, 3, 0), pull)
-    return x[:, 0], x[:, 1]
+    hold = constant.astype(s.dtype) / w_a
+    gram = _Symmetric(*jnp.broadcast_arrays(w * z**2 + hold**2, w * z / w_b, w / w_b**2))
+    x = _solve_walk(gram, jnp.stack([z * sums + hold, sums / w_b], axis=1))
+    return jnp.where(constant, 1, x[:, 0] / (w_a * swing)), x[:, 1] / w_b
+
+
+class _Symmetric(NamedTuple):
+    """2 × 2 matrices, component by component."""
+
+    aa: Array
+    ab: Array
+    bb: Array
+
+    def __matmul__(self, x):
+        a, b = x[..., 0, :], x[..., 1, :]
+        return jnp.stack([self.aa * a + self.ab * b, self.ab * a + self.bb * b], axis=-2)
+
+    @property
+    def determinant(self):
+        return jnp.maximum(self.aa * self.bb - self.ab**2, 0)
+
+    def times(self, factor):
+        return _Symmetric(factor * self.aa, factor * self.ab, factor * self.bb)
+
+
+def _solve_walk(gram, pull):
+    """x ``(N, 2, C)`` of least Σ_i x_i·(gram_i x_i) − 2 pull_i·x_i + Σ_i ‖x_{i+1} − x_i‖².
+
+    Block elimination in which no difference is subtracted from its own sum, so that the smoothest
+    walks keep their digits: with M the information on frame i from the frames up to it, the next
+    has M (I + M)⁻¹ from them.
+    """
+
+    def matvec(x):
+        steps = jnp.diff(x, axis=0)
+        return (gram @ x).at[1:].add(steps).at[:-1].add(-steps)
+
+    fixed = lax.stop_gradient(gram)
+
+    def solve(_, pull):
+        def forward(before, frame):
+            known, mean = before
+            own, pull = frame
+            total = _Symmetric(*map(jnp.add, own, known))
+            pull = pull + mean
+            det = total.determinant
+            share = 1 / (1 + total.aa + total.bb + det)
+            keep = _Symmetric(1 + total.bb, -total.ab, 1 + total.aa).times(share)
+            onward = _Symmetric(total.aa + det, total.ab, total.bb + det).times(share)
+            mean = keep @ pull
+            return (onward, mean), (keep, mean, total, pull)
+
+        nothing = jax.tree.map(lambda x: jnp.zeros_like(x[0]), (fixed, pull))
+        _, (keep, mean, total, pulls) = lax.scan(forward, nothing, (fixed, pull))
+        last, pull = jax.tree.map(lambda x: x[-1], (total, pulls))
+        spread = jnp.sqrt(jnp.stack([last.aa, last.bb]))
+        tie = last.ab / (spread[0] * spread[1])
+        one = jnp.ones_like(tie)
+        end = _Symmetric(one, -tie, one).times(1 / (1 - tie**2)) @ (pull / spread) / spread
+
+        def backward(after, frame):
+            keep, mean = frame
+            x = mean + keep @ after
+            return x, x
+
+        before = jax.tree.map(lambda x: x[:-1], (keep, mean))
+        x = lax.scan(backward, end, before, reverse=True)[1]
+        return jnp.concatenate([x, end[None]])
+
+    return lax.custom_linear_solve(matvec, pull, solve, symmetric=True)
 
 
 def _per_channel(function, runs, *signal, **static):

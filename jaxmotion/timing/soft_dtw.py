@@ -3,7 +3,7 @@
     soft_dtw(D, γ) = −γ log Σ_paths exp(−Σ_t D[i_t, j_t] / γ)
     R(i, j)        = D[i, j] + softmin_γ(R(i−1, j−1), R(i−1, j), R(i, j−1)),   R(0, 0) = D[0, 0]
     E[i, j]        = ∂ soft_dtw / ∂D[i, j] = chance that a path drawn ∝ exp(−cost/γ) visits (i, j)
-    ∂ soft_dtw/∂γ  = (soft_dtw − ⟨E, D⟩) / γ
+    ∂ soft_dtw/∂γ  = Σ_ij E[i, j] Σ_k s_k log s_k        s: shares of the three ways to (i, j)
 
 Paths step by (1, 0), (0, 1) and (1, 1) from (0, 0) to the last cell. D ``(n, m)`` is a cost matrix,
 by default squared Euclidean distances; γ > 0 has its unit. As γ → 0 the value falls on that of
@@ -15,7 +15,9 @@ Sources: Cuturi & Blondel 2017, algorithms 1 and 2; Mensch & Blondel 2018 for E 
 The sweep works on Z = exp(−R/γ), the sum over all paths to a cell, which is a product and two sums
 a cell. Z leaves the range of floating point, so it is kept as m·2ᵉ with 1 ≤ m < 2 and e a whole
 number in a float of its own (:class:`_Scaled`): powers of two are put together from bits, one
-exponential a cell is all that is computed, and nothing is lost however small a path's part.
+exponential a cell is all that is computed, and nothing is lost however small a path's part. Where
+γ is so small that even e leaves its range, a larger γ takes its place that is still below the
+rounding of the value: the answer is that of ``dtw``, with ties shared between a few paths.
 
 E is found with a second sweep from the end, which passes each cell's chance back along the shares
 that its three predecessors have in its sum:
@@ -31,8 +33,8 @@ modes; E is made of ordinary operations, in which exponents are constants, so it
 differentiated again. Beyond ``x_length``, ``y_length`` it is zero.
 """
 
+import math
 from functools import reduce
-from math import log
 from typing import NamedTuple
 
 import equinox as eqx
@@ -68,7 +70,8 @@ def soft_dtw(
     Args:
         x: features ``(n, f)``, or local rotations ``(n, J, 4)`` with ``metric="pose"``.
         y: features ``(m, f)`` or rotations ``(m, J, 4)``.
-        gamma: temperature > 0, in the unit of the cost; differentiable.
+        gamma: temperature > 0, in the unit of the cost; differentiable. As small as the dtype has:
+            the value is then that of ``dtw``.
         cost: a cost matrix ``(n, m)`` instead of x and y.
         metric: distance of two frames; see :func:`frame_distance`.
         x_length: frames of x that count when it is padded (``pad_to_bucket``); may be traced.
@@ -126,20 +129,19 @@ def _run(function, metric, x, y, cost, x_length, y_length, gamma):
 
 @jax.custom_jvp
 def _soft_value(d, gamma, last_x, last_y):
+    gamma = _workable(d, gamma, last_x, last_y)
     return _sweep_forward(in_strips(d, _MOST_ROWS), gamma, last_x, last_y)[0]
 
 
 def _soft_value_jvp(primals, tangents):
     d, gamma, last_x, last_y = primals
     d_dot, gamma_dot = tangents[:2]
-    value, expected = _value_and_alignment(d, gamma, last_x, last_y)
+    value, expected, entropy = _value_and_statistics(d, gamma, last_x, last_y)
     change = jnp.zeros_like(value)
     if not isinstance(d_dot, SymbolicZero):
         change += jnp.sum(expected * d_dot)
     if not isinstance(gamma_dot, SymbolicZero):
-        visited = expected > 0
-        mean_cost = jnp.sum(jnp.where(visited, expected * jnp.where(visited, d, 0), 0))
-        change += (value - mean_cost) / gamma * gamma_dot
+        change -= jnp.sum(expected * entropy) * gamma_dot
     return value, change
 
 
@@ -147,10 +149,48 @@ _soft_value.defjvp(_soft_value_jvp, symbolic_zeros=True)
 
 
 def _value_and_alignment(d, gamma, last_x, last_y):
+    return _value_and_statistics(d, gamma, last_x, last_y)[:2]
+
+
+def _value_and_statistics(d, gamma, last_x, last_y):
+    """The value, E and the entropy of where a path to each cell comes from; ``(n, m)`` each."""
     strips = in_strips(d, _MOST_ROWS)
+    gamma = _workable(d, gamma, last_x, last_y)
     value, shares = _sweep_forward(strips, gamma, last_x, last_y)
     visits = _sweep_back(strips, shares, last_x, last_y)
-    return value, visits.reshape(-1, d.shape[1])[: d.shape[0]]
+    entropy = jax.vmap(lambda s: unskew(_entropy(s), d.shape[1]))(shares)
+    return value, *(x.reshape(-1, d.shape[1])[: d.shape[0]] for x in (visits, entropy))
+
+
+def _entropy(shares: Array) -> Array:
+    """−Σ s log s of ``(k, 2, h)`` shares and what they leave of one, ``(k, h)``."""
+    corner, up = shares[:, 0], shares[:, 1]
+    parts = jnp.stack([corner, up, jnp.maximum(1 - corner - up, 0)])
+    some = parts > 0
+    return -jnp.sum(jnp.where(some, parts * jnp.log(jnp.where(some, parts, 1)), 0), axis=0)
+
+
+def _workable(d: Array, gamma: Array, last_x: Array, last_y: Array) -> Array:
+    """γ, or if the exponents of all paths leave their range the first of γ, f γ, f² γ … for which
+    they do not: f is the square root of that range, so the rest of it is beyond any rounding."""
+    kind = jnp.finfo(d.dtype)
+    least = jnp.where(gamma >= 0, jnp.maximum(gamma, float(kind.tiny)), gamma)
+    fixed = lax.stop_gradient((least, d))
+    factor = math.sqrt(-_never(d.dtype))
+    largest = sum(d.shape) * jnp.max(jnp.where(jnp.isfinite(fixed[1]), jnp.abs(fixed[1]), 0))
+    strips = in_strips(fixed[1], _MOST_ROWS)
+
+    def unsure(state):
+        gamma, found = state
+        return ~found & (largest / gamma > factor)
+
+    def attempt(state):
+        gamma, _ = state
+        found = ~jnp.isposinf(_sweep_forward(strips, gamma, last_x, last_y)[0])
+        return jnp.where(found, gamma, factor * gamma), found
+
+    raised = lax.while_loop(unsure, attempt, (fixed[0], jnp.zeros((), bool)))[0]
+    return jnp.where(raised > gamma, raised, gamma)
 
 
 class _Scaled(NamedTuple):
@@ -192,7 +232,7 @@ def _layout(dtype) -> tuple[int, float, type]:
 
 def _factors(costs: Array, gamma: Array) -> _Scaled:
     """exp(−costs/γ); of infinite costs next to nothing, whose derivative is zero."""
-    log_2 = log(2)
+    log_2 = math.log(2)
     x = -jnp.minimum(costs, -log_2 * _never(costs.dtype) * lax.stop_gradient(gamma)) / gamma
     e = lax.stop_gradient(jnp.round(x / log_2))
     # ln 2 in two parts, so that the difference of two large numbers is exact. Where they are so
@@ -223,7 +263,7 @@ def _sweep_forward(
     ends, shares = lax.scan(one_strip, row_above, _numbered(strips, last_x))[1]
     z, e = ends.m[last_x // h], ends.e[last_x // h]
     no_path = e < 0.5 * _never(e.dtype)
-    return jnp.where(no_path, jnp.inf, -gamma * (jnp.log(z) + log(2) * e)), shares
+    return jnp.where(no_path, jnp.inf, -gamma * (jnp.log(z) + math.log(2) * e)), shares
 
 
 def _strip_forward(row_above: _Scaled, number: Array, factors: _Scaled, watched: Array):

@@ -42,12 +42,34 @@ def test_multires_goes_through_folders_and_tells_of_failures(jaxmotion, tmp_path
     folder, out = tmp_path / "takes", tmp_path / "out"
     folder.mkdir()
     jm.save(swinging(40), folder / "a.bvh")
-    jm.save(swinging(4), folder / "b.bvh")
+    (folder / "b.bvh").write_text("HIERARCHY\n")
     result = jaxmotion("multires", folder, "-o", out, "--gains", "1,0,0", code=1)
     assert "1 written, 1 failed." in result.stderr
-    assert "4 frames can be halved 0 to 2 times" in result.stderr
     assert jm.load(out / "a.bvh").num_frames == 40
     assert not (out / "b.bvh").exists()
+
+
+def test_multires_of_short_clips_has_the_finest_of_the_levels(jaxmotion, tmp_path):
+    folder, out = tmp_path / "takes", tmp_path / "out"
+    folder.mkdir()
+    levels = {1: 0, 3: 1, 4: 2}
+    for frames in levels:
+        jm.save(swinging(frames), folder / f"{frames}.npz")
+    result = jaxmotion("multires", folder, "-o", out, "--gains", "0.5,0")
+    assert "3 written." in result.stderr
+    assert result.stderr.count("warning: ") == 2
+    assert "warning: 1 frame: 0 levels of detail, not 2" in result.stderr
+    assert "warning: 3 frames: 1 level of detail, not 2" in result.stderr
+    for frames, number in levels.items():
+        clip, edited = (jm.load(place / f"{frames}.npz") for place in (folder, out))
+        pyramid = build_pyramid(clip, number)
+        assert_same_clip(edited, scale_details(pyramid, np.array([0.5, 0])[2 - number :]))
+        if not number:
+            assert_same_clip(edited, clip)
+    words = ("--overwrite", "--levels", "4", "--level", "0")
+    result = jaxmotion("multires", folder / "3.npz", "-o", out / "3.npz", *words)
+    assert "warning: 3 frames: 1 level of detail, not 4" in result.stderr
+    assert_same_clip(jm.load(out / "3.npz"), level_of_detail(build_pyramid(swinging(3), 1), 0))
 
 
 @pytest.mark.parametrize(

@@ -162,7 +162,8 @@ def test_single_precision_jit_and_vmap(skating):
 
 
 @pytest.mark.slow
-def test_gradients():
+@pytest.mark.parametrize("stretch", [0.0, 0.03])
+def test_gradients(stretch):
     """Far from knees at full length, where a root that must move adds kinks."""
     walk = jm.samples.walk(12, fps=30.0).motion
     low = walk.with_transforms(walk.translations.at[:, 0, 1].add(-0.05))
@@ -171,12 +172,33 @@ def test_gradients():
     def f(target, rotations):
         wanted = eqx.tree_at(lambda c: c.target, contacts, contacts.target + target)
         moved = low.with_transforms(rotations=low.rotations + rotations)
-        return cleanup_footskate(moved, wanted).rotations
+        clean = cleanup_footskate(moved, wanted, stretch=stretch)
+        return clean.rotations, clean.translations
 
     rng = np.random.default_rng(0)
     target = 1e-3 * rng.standard_normal(contacts.target.shape)
     rotations = 1e-3 * rng.standard_normal(low.rotations.shape)
     check_gradients(f, target, rotations, rtol=1e-4, atol=1e-4, eps=1e-7)
+
+
+def test_derivatives_are_finite_where_bones_stretch_most_and_straight_knees_hang():
+    """Feet far away, under the hips and at them; legs that hang straight in a still clip."""
+    walk = jm.samples.walk(3, fps=30.0).motion
+    rotations = jnp.broadcast_to(jnp.array([1.0, 0, 0, 0]), walk.rotations.shape)
+    still = walk.with_transforms(jnp.broadcast_to(walk.translations[:1], (3, 22, 3)), rotations)
+    points = find_feet(still)
+    hips = jm.forward_kinematics(still).positions[:, [limb[0] for limb in points.limbs]]
+    own = points.positions(still)
+    down = np.ones((3, 4), bool)
+    run = eqx.filter_jit(
+        lambda motion, target: jax.jacrev(
+            lambda t: (
+                cleanup_footskate(motion, Contacts(points, down, t), stretch=0.03).translations
+            )
+        )(target)
+    )
+    for target in (own, own + jnp.array([5.0, 0, 0]), own - jnp.array([0, 1e-9, 0]), hips):
+        assert np.isfinite(run(still, target)).all()
 
 
 @pytest.mark.parametrize("frames", [1, 2, 3])

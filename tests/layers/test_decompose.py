@@ -206,6 +206,20 @@ def test_samples_of_no_weight_do_not_matter():
         jm.decompose(motion, weights=weights[:30])
 
 
+@pytest.mark.parametrize("swing", [0.0, 0.3])
+def test_a_calm_motion_has_an_exact_base_in_single_precision(swing):
+    """As stiff a one as the dtype has digits for, not the top of the ladder."""
+    motion = swinging(40, 2, swing=swing, noise=0.0, dtype=np.float32)
+    layers = jm.decompose(motion, method="geodesic")
+    assert bool(layers.saturated)
+    assert float(layers.lam * layers.sigma) == pytest.approx(0.1 * 2.0**13)
+    double = jnp.asarray(motion.rotations, np.float64)
+    want = jm.smoothing.geodesic(
+        quaternion.normalize(double), layers.lam.astype(float), layers.sigma.astype(float)
+    ).mean
+    assert_same_rotation(layers.base.rotations, want, 1e-5)
+
+
 def test_the_geodesic_base_is_the_exact_smoother_s_and_recomposes():
     motion = swinging(40)
     layers = jm.decompose(motion, method="geodesic")

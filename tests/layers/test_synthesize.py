@@ -105,6 +105,13 @@ def test_denoise_is_the_tuned_layers_without_the_residual(method):
     assert_same_rotation(plus(layers.base, layers.control).rotations, clean, 1e-9)
 
 
+def test_still_joints_are_denoised_exactly_in_single_precision():
+    """They learn a smoother that is as stiff as can be."""
+    motion = swinging(30, 2, swing=0.0, noise=0.0, dtype=np.float32)
+    got = jm.denoise(motion, method="geodesic")
+    assert_same_rotation(got.rotations, motion.rotations, 1e-6)
+
+
 @pytest.mark.parametrize(
     ("name", "most"), [("bandai/punch_normal_002.bvh", 0.65), ("cmu/02_07.amc", 1.0)]
 )

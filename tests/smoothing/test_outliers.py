@@ -8,7 +8,7 @@ import pytest
 import jaxmotion as jm
 from jaxmotion import quaternion
 from jaxmotion.smoothing import outlier_weights, smooth_motion, tune
-from tests.helpers import no_shape_checks, random_motion
+from tests.helpers import assert_same_rotation, no_shape_checks, random_motion
 
 
 def wave(frames=120, channels=3, noise=0.05, seed=0):
@@ -137,7 +137,20 @@ def test_padding_does_not_matter():
     np.testing.assert_array_equal(w[40:], 0)
 
 
-@pytest.mark.parametrize("frames", [2, 3, 4])
+@pytest.mark.parametrize("loss", ["huber", "cauchy"])
+@pytest.mark.parametrize("frames", [1, 2])
+def test_what_no_other_sample_contradicts_is_trusted(frames, loss, dtype):
+    """A line goes through any two samples: whatever rounding leaves of them is no error."""
+    motion = random_motion(np.random.default_rng(1), frames, 3, dtype)
+    got = outlier_weights(motion, loss=loss)
+    assert got.dtype == dtype
+    np.testing.assert_array_equal(got, np.ones((frames, 3)))
+    robust = jm.denoise(motion, robust=True)
+    assert_same_rotation(robust.rotations, motion.rotations, 1e-5)
+    np.testing.assert_allclose(robust.translations, motion.translations, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 4])
 def test_short_and_still_clips_give_finite_weights(frames):
     motion = random_motion(np.random.default_rng(0), frames, 3)
     still = jax.tree.map(lambda x: x, motion).with_transforms(

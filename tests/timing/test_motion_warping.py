@@ -11,7 +11,8 @@ from jax.test_util import check_grads
 from jaxmotion import quaternion
 from jaxmotion.timing import motion_warping, unwarp
 
-RUN = jax.jit(motion_warping, static_argnames=("shared", "slope", "max_iterations"))
+NAMES = ("scale_smoothness", "offset_smoothness")
+RUN = jax.jit(motion_warping, static_argnames=("shared", "slope", "max_iterations", *NAMES))
 
 
 def clips(num_source, num_reference, channels=3):
@@ -29,22 +30,26 @@ def found():
 
 
 def energy(source, reference, runs, a, b, m, weights=(1.0, 1.0)):
+    mean, rms = source.mean(axis=0), source.std(axis=0)
+    a_b = (rms * a, b + mean * a)
     data = np.repeat(source * a + b, runs, axis=0) - np.repeat(reference, m, axis=0)
-    rough = [w**2 * np.sum(np.diff(x, axis=0) ** 2) for w, x in zip(weights, (a, b), strict=True)]
+    rough = [w**2 * np.sum(np.diff(x, axis=0) ** 2) for w, x in zip(weights, a_b, strict=True)]
     return np.sum(data**2) + sum(rough)
 
 
 def dense_fit(source, reference, runs, m, weights=(1.0, 1.0)):
-    """The normal equations of one channel, written out."""
-    n = len(source)
+    """The normal equations of one channel, written out, of scale and the level b + mean·a."""
+    n, mean = len(source), source.mean()
+    source = source - mean
     warp = np.zeros((m * len(reference), n))
     warp[np.arange(len(warp)), np.repeat(np.arange(n), runs)] = 1
     s, d = np.diag(source), np.diff(np.eye(n), axis=0)
-    f, g = weights[0] * d, weights[1] * d
+    f, g = weights[0] * source.std() * d, weights[1] * d
     gram = np.block([[s.T @ warp.T @ warp @ s + f.T @ f, s.T @ warp.T @ warp],
                      [warp.T @ warp @ s, warp.T @ warp + g.T @ g]])  # fmt: skip
     target = warp.T @ np.repeat(reference, m)
-    return np.split(np.linalg.solve(gram, np.r_[s @ target, target]), 2)
+    a, level = np.split(np.linalg.solve(gram, np.r_[s @ target, target]), 2)
+    return a, level - mean * a
 
 
 def dense_runs(distance, longest):
@@ -152,6 +157,67 @@ def test_a_clip_warps_onto_itself_without_energy(dtype):
     np.testing.assert_allclose(got.offset, 0, atol=tolerance)
 
 
+def level_of(got, unit, origin):
+    """The offset, if unit and origin of the channels were 1 and 0."""
+    scale, offset = (np.asarray(x, float) for x in (got.scale, got.offset))
+    return (offset - origin * (1 - scale)) / unit
+
+
+def assert_same_but_for_unit_and_origin(got, want, unit, origin, rtol):
+    """``unit``, ``origin``: of got's channels."""
+    np.testing.assert_array_equal(got.runs, want.runs)
+    np.testing.assert_allclose(got.scale, want.scale, rtol, rtol)
+    level = level_of(got, unit, origin)
+    np.testing.assert_allclose(level, want.offset, rtol, rtol * (1 + np.abs(origin / unit).max()))
+
+
+@pytest.mark.parametrize(
+    ("unit", "origin"), [(1, 100), (1e-4, 0), (3e-25, 0), (7e12, -1e14), (0.02, 5)]
+)
+def test_unit_and_origin_of_the_channels_do_not_matter(unit, origin, dtype):
+    want = RUN(*clips(12, 18))
+    source, reference = ((unit * x + origin).astype(dtype) for x in clips(12, 18))
+    got = RUN(source, reference)
+    rtol = 2e-5 * (1 + abs(origin / unit)) ** 0.5 if dtype == jnp.float32 else 1e-9
+    assert_same_but_for_unit_and_origin(got, want, unit, origin, rtol)
+    assert int(got.iterations) == int(want.iterations)
+    if unit > 1e-18:
+        np.testing.assert_allclose(got.energy / unit, unit * want.energy, rtol=1e-2, atol=1e-6)
+
+
+def test_channels_of_any_unit_stand_beside_each_other(dtype):
+    """A channel that says next to nothing of the warp gets its own scale all the same."""
+    source, reference = clips(12, 18)
+    source[:, 2], reference[:, 2] = source[:, 0], reference[:, 0]
+    unit, origin = np.array([1, 1, 1e-5]), np.array([0, 30, 0.01])
+    want = RUN(source[:, :2], reference[:, :2])
+    got = RUN(*((unit * x + origin).astype(dtype) for x in (source, reference)))
+    scale, level = got.scale, level_of(got, unit, origin)
+    np.testing.assert_array_equal(got.runs, want.runs)
+    atol = 1e-2 if dtype == jnp.float32 else 1e-9
+    np.testing.assert_allclose(scale[:, [0, 1]], want.scale, atol=atol)
+    np.testing.assert_allclose(scale[:, 2], want.scale[:, 0], atol=atol)
+    np.testing.assert_allclose(level[:, 2], want.offset[:, 0], atol=atol)
+
+
+@pytest.mark.parametrize(("w_a", "w_b"), [(0.1, 0.1), (1e3, 0.1), (1.0, 1e5), (1e9, 1e9)])
+def test_smoothness_of_any_size(w_a, w_b, dtype):
+    source, reference = (x[:, :1] for x in clips(12, 18))
+    got = RUN(
+        source.astype(dtype), reference.astype(dtype), **dict(zip(NAMES, (w_a, w_b), strict=True))
+    )
+    runs = np.asarray(got.runs)
+    # by orthogonal transforms, which lose half as many digits as the normal equations
+    warp, d = np.repeat(np.eye(12), runs, axis=0), np.diff(np.eye(12), axis=0)
+    mean, rms = source.mean(), source.std()
+    rows = [[warp * (source[:, 0] - mean), warp], [w_a * rms * d, 0 * d], [0 * d, w_b * d]]
+    target = np.r_[np.repeat(reference[:, 0] - mean, got.repeats), np.zeros(22)]
+    a, level = np.split(np.linalg.lstsq(np.block(rows), target)[0], 2)
+    atol = 2e-3 if dtype == jnp.float32 else 1e-7
+    np.testing.assert_allclose(got.scale[:, 0], a, atol=atol)
+    np.testing.assert_allclose(got.offset[:, 0], level + mean * (1 - a), atol=atol)
+
+
 def test_constant_channels_keep_scale_one_and_reach_the_least_energy(dtype):
     source, reference = (x.astype(dtype) for x in clips(12, 18))
     source[:, 1] = 0.7
@@ -191,6 +257,28 @@ def test_scale_and_offset_are_differentiable_given_the_warp():
     still = jnp.full((5, 2), 0.4)
     slope = jax.jit(jax.grad(lambda s: jnp.sum(motion_warping(s, s).offset ** 2)))(still)
     assert bool(jnp.all(jnp.isfinite(slope)))
+
+
+def test_derivatives_know_neither_unit_nor_origin():
+    """Forward and reverse, a million away from the origin and in thousandths of the unit."""
+    source, reference = (jnp.asarray(x) for x in clips(6, 8, channels=2))
+
+    @jax.jit
+    def modes(s, r):
+        def fit(s, r):
+            got = motion_warping(s, r)
+            return got.scale, got.offset - 1e6 * (1 - got.scale)
+
+        return jax.jacfwd(fit, (0, 1))(s, r), jax.jacrev(fit, (0, 1))(s, r)
+
+    wanted = jax.jit(jax.jacrev(lambda s, r: motion_warping(s, r).scale, (0, 1)))(source, reference)
+    for unit in (1.0, 1e-3):
+        forward, reverse = modes(unit * source + 1e6, unit * reference + 1e6)
+        atol = 1e-5 / unit
+        for got, want in zip(jax.tree.leaves(forward), jax.tree.leaves(reverse), strict=True):
+            np.testing.assert_allclose(got, want, atol=1e-9 / unit)
+        for got, want in zip(forward[0], wanted, strict=True):
+            np.testing.assert_allclose(unit * got, want, atol=atol)
 
 
 def test_indices_count_each_pair_once(found):
@@ -268,8 +356,16 @@ def test_static_trouble_names_the_argument(found):
         motion_warping(source, reference, slope=2)
     with pytest.raises(ValueError, match=r"\(6, 3\) and reference \(20, 2\)"):
         motion_warping(source, reference[:, :2])
-    with pytest.raises(ValueError, match=r"scale_smoothness=0\.0"):
-        motion_warping(source, reference, scale_smoothness=0.0)
+    for wrong in (0.0, 1e-3, 1e15, np.nan):
+        with pytest.raises(ValueError, match=f"scale_smoothness={wrong}, .*want both from 0.02 to"):
+            motion_warping(
+                *(x.astype(np.float32) for x in (source, reference)),
+                scale_smoothness=wrong,
+                slope=4,
+            )
+    source[3, 1] = np.nan
+    with pytest.raises(Exception, match="motion_warping: source and reference must be finite"):
+        motion_warping(source, reference)
     with pytest.raises(ValueError, match="warped has 6 frames; want 36"):
         unwarp(source, found)
     with pytest.raises(ValueError, match="rotations=True"):

@@ -43,6 +43,13 @@ def value_and_alignment(cost, gamma):
     return soft_dtw(cost=cost, gamma=gamma), soft_alignment(cost=cost, gamma=gamma)
 
 
+@jax.jit
+def value_and_slopes(cost, gamma):
+    gamma = jnp.asarray(gamma, cost.dtype)
+    slopes = jax.grad(lambda d, g: soft_dtw(cost=d, gamma=g), (0, 1))(cost, gamma)
+    return value_and_alignment(cost, gamma), slopes
+
+
 @pytest.mark.parametrize("gamma", [0.01, 0.3, 1.0, 20.0])
 def test_value_and_alignment_equal_the_sum_over_paths(gamma):
     cost = np.random.default_rng(0).random((4, 5))
@@ -211,6 +218,35 @@ def test_temperatures_of_any_size(dtype):
     want, want_expected = plain_soft(LONG, 1e9)
     np.testing.assert_allclose(value, want, rtol=1e-6)
     np.testing.assert_allclose(expected, want_expected, atol=1e-5)
+
+
+@pytest.mark.parametrize("gamma", [1e-27, 1e-29, 1e-33, 1e-45])
+def test_the_smallest_temperatures_are_dtw_s(gamma, dtype):
+    """Costs of cells that no path needs, as large as the dtype has, do not count; nor do none."""
+    hard = dtw(cost=LONG)
+    path = np.zeros_like(LONG)
+    path[tuple(np.transpose(hard.path[: int(hard.length)]))] = 1
+    largest = float(jnp.finfo(dtype).max) / 1e4
+    for unit in (1.0, 1e-12, 1e12):
+        cost = np.where(path > 0, unit * LONG, largest).astype(dtype)
+        cost[3, 20:] = np.inf
+        (value, expected), slopes = value_and_slopes(cost, gamma)
+        np.testing.assert_allclose(value, unit * hard.cost, rtol=1e-5)
+        np.testing.assert_allclose(expected, path, atol=1e-5)
+        np.testing.assert_allclose(slopes[0], path, atol=1e-5)
+        np.testing.assert_allclose(slopes[1], 0, atol=1e-2)
+    value, _ = value_and_slopes(np.where(np.arange(30) == 7, np.inf, cost), gamma)
+    assert np.isposinf(value[0])
+
+
+def test_the_slope_in_a_small_temperature_is_the_entropy_of_ties(dtype):
+    cost = np.ones((3, 3), dtype)
+    cost[1, 1] = 3  # two ways round of four cells; through the middle costs 5
+    for gamma in (1e-3, 1e-30):
+        (value, expected), slopes = value_and_slopes(cost, gamma)
+        np.testing.assert_allclose(value, 4 - gamma * np.log(2), rtol=1e-6)
+        np.testing.assert_allclose(expected[1], [0.5, 0, 0.5], atol=1e-6)
+        np.testing.assert_allclose(slopes[1], -np.log(2), rtol=1e-5)
 
 
 def test_gradient_where_clips_agree():
