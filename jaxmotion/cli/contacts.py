@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from jaxmotion.contacts import Contacts
 
 _SHOWN = 8
+_NO_FEET = "no feet found; --joint names others"
 _WAYS = ("legs", "root", "spacetime")
 
 
@@ -98,6 +99,8 @@ def edit(motion: "Motion", length: int, *, finding: Any, way: str) -> "Motion":
     import jaxmotion as jm
 
     found = finding(motion, length)
+    if not found.names:
+        raise ValueError(_NO_FEET)
     if way == "spacetime":
         return jm.spacetime.restore(motion, found, length=length)[0]
     cleanup = jm.contacts.cleanup_footskate if way == "legs" else jm.contacts.cleanup_root
@@ -143,7 +146,7 @@ def _facts(motion: "Motion", finding: Any) -> dict[str, Any]:
 def _as_text(path: Path, facts: dict[str, Any]) -> str:
     name = click.format_filename(path)
     if not facts["points"]:
-        return f"{name}: no feet found; --joint names others"
+        return f"{name}: {_NO_FEET}"
     lines = [f"{name}: points in contact slide at {facts['slide']:.3g} a second"]
     width = max(map(len, facts["points"]))
     for point, share in facts["points"].items():
