@@ -56,6 +56,7 @@ class Skeleton(eqx.Module):
     - ``asf``: per joint an :class:`AsfBone` if the skeleton came from an ASF file; static, else ().
     - ``up``: the axis that points up, "x", "y" or "z"; static.
     - ``length_unit``: what the file says of its unit of length (ASF's ``length``), else 1; static.
+    - ``encoding``: of the text the names were read from, and are written in again; static.
 
     **Raises:** ``ValueError`` when the pieces do not fit together.
     """
@@ -70,6 +71,7 @@ class Skeleton(eqx.Module):
     asf: tuple[AsfBone, ...] = eqx.field(static=True)
     up: str = eqx.field(static=True)
     length_unit: float = eqx.field(static=True)
+    encoding: str = eqx.field(static=True)
 
     def __init__(
         self,
@@ -84,6 +86,7 @@ class Skeleton(eqx.Module):
         asf: Sequence[AsfBone] = (),
         up: str = "y",
         length_unit: float = 1.0,
+        encoding: str = "utf-8",
     ):
         self.names = tuple(names)
         self.parents = tuple(int(p) for p in parents)
@@ -95,6 +98,7 @@ class Skeleton(eqx.Module):
         self.asf = tuple(asf)
         self.up = up
         self.length_unit = float(length_unit)
+        self.encoding = encoding
         self._check()
 
     def _default_channels(self):

@@ -5,6 +5,8 @@ One exception that says where, what was wanted and what to try; one warning for 
 
 from os import PathLike, fspath
 
+_LONGEST = 400  # characters of a message's ``found``
+
 
 class MotionFileError(ValueError):
     """A motion file that cannot be read (or written) as asked.
@@ -18,7 +20,8 @@ class MotionFileError(ValueError):
     - ``expected``: what should have been there.
     - ``hint``: what to try.
 
-    ``str(error)`` is one line: ``walk.bvh:120 (frame 12): found …; expected …. Try: …``.
+    ``str(error)`` is one line that prints, whatever is in the file or its name:
+    ``walk.bvh:120 (frame 12): found …; expected …. Try: …``.
     """
 
     def __init__(
@@ -43,10 +46,11 @@ class MotionFileError(ValueError):
         where = str(self.path)
         where += f":{self.line}" if self.line is not None else ""
         where += f" (frame {self.frame})" if self.frame is not None else ""
-        text = f"{where}: found {self.found}"
+        found = self.found if len(self.found) <= _LONGEST else self.found[:_LONGEST] + "..."
+        text = f"{where}: found {found}"
         text += f"; expected {self.expected}" if self.expected else ""
         text += f". Try: {self.hint}" if self.hint else ""
-        return text
+        return printable(text)
 
     def __reduce__(self):
         return _rebuild, (
@@ -62,6 +66,9 @@ class MotionFileError(ValueError):
 class MotionFileWarning(UserWarning):
     """A file was repaired while reading, or its layout had to change so that nothing was lost."""
 
+    def __init__(self, text: str):
+        super().__init__(printable(text))
+
 
 def _rebuild(path, found, expected, hint, line, frame):
     return MotionFileError(path, found, expected=expected, hint=hint, line=line, frame=frame)
@@ -72,3 +79,8 @@ def quoted(text: str | bytes, limit: int = 40) -> str:
     if isinstance(text, bytes):
         text = text[: 4 * limit].decode("utf-8", "backslashreplace")
     return repr(text if len(text) <= limit else text[:limit] + "...")
+
+
+def printable(text: str) -> str:
+    """The text with escapes for what a terminal or a page cannot show or might obey."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
