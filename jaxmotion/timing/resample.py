@@ -126,7 +126,7 @@ def _rounded_off(frame_time: np.ndarray) -> float:
     """Seconds missing from a frame time that is a rounding of 1/n or 1.001/n, n whole; 0 if it is
     none, or of so few digits that it would be one of something."""
     seconds = float(frame_time)
-    decimals = len(np.format_float_positional(frame_time[()]).partition(".")[2])
+    decimals = len(np.format_float_positional(frame_time.dtype.type(frame_time)).partition(".")[2])
     if 0.5 * 10.0**-decimals > _LOOSEST * seconds:
         return 0.0
     for unit in (1.0, 1.001):
