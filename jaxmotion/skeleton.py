@@ -60,6 +60,7 @@ class Skeleton(eqx.Module):
       fact.
     - ``up``: the axis that points up, "x", "y" or "z"; static.
     - ``length_unit``: what the file says of its unit of length (ASF's ``length``), else 1; static.
+    - ``encoding``: of the text the names were read from, and are written in again; a file fact.
 
     **Raises:** ``ValueError`` when the pieces do not fit together.
     """
@@ -74,6 +75,7 @@ class Skeleton(eqx.Module):
     end_labels: tuple[str, ...] = file_fact()
     channels: tuple[tuple[str, ...], ...] = file_fact()
     asf: tuple[AsfBone, ...] = file_fact()
+    encoding: str = file_fact()
 
     def __init__(
         self,
@@ -88,6 +90,7 @@ class Skeleton(eqx.Module):
         asf: Sequence[AsfBone] = (),
         up: str = "y",
         length_unit: float = 1.0,
+        encoding: str = "utf-8",
     ):
         self.names = tuple(names)
         self.parents = tuple(int(p) for p in parents)
@@ -99,6 +102,7 @@ class Skeleton(eqx.Module):
         self.asf = tuple(asf)
         self.up = up
         self.length_unit = float(length_unit)
+        self.encoding = encoding
         self._check()
 
     def _default_channels(self):

@@ -132,12 +132,12 @@ def read(path: Path, fps: float | None) -> "Motion":
     )
 
 
-def write(motion: "Motion", path: Path, *, overwrite: bool) -> None:
-    """Save a motion, making the folders it goes to."""
+def write(motion: "Motion", path: Path, *, overwrite: bool, **format_options: Any) -> None:
+    """Save a motion, making the folders it goes to; ``format_options`` go to the format."""
     import jaxmotion as jm
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    jm.save(motion, path, overwrite=overwrite)
+    jm.save(motion, path, overwrite=overwrite, **format_options)
 
 
 def pad(motion: "Motion") -> "tuple[Motion, int]":

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from jaxmotion.contacts import Contacts
 
 _SHOWN = 8
+_NO_FEET = "no feet found; --joint names others"
 _WAYS = ("legs", "root", "spacetime")
 
 
@@ -99,6 +100,8 @@ def edit(motion: "Motion", length: int, *, finding: Any, way: str) -> "Motion":
     import jaxmotion as jm
 
     found = finding(motion, length)
+    if not found.names:
+        raise ValueError(_NO_FEET)
     if way == "spacetime":
         return jm.spacetime.restore(motion, found, length=length)[0]
     cleanup = jm.contacts.cleanup_footskate if way == "legs" else jm.contacts.cleanup_root
@@ -143,7 +146,7 @@ def _facts(motion: "Motion", finding: Any) -> dict[str, Any]:
 
 def _as_text(path: Path, facts: dict[str, Any]) -> list[str]:
     if not facts["points"]:
-        return [f"{path}: no feet found; --joint names others"]
+        return [f"{path}: {_NO_FEET}"]
     lines = [f"{path}: points in contact slide at {facts['slide']:.3g} a second"]
     width = max(len(printable(point)) for point in facts["points"])
     for point, share in facts["points"].items():

@@ -1,6 +1,7 @@
 """``jaxmotion convert``: from any format that is read to any that is written."""
 
 from functools import partial
+from typing import Any
 
 import click
 
@@ -11,8 +12,14 @@ from jaxmotion.cli._options import Batch, Running, batch_options, format_option,
 @click.command(short_help="Change the file format.")
 @batch_options
 @format_option
+@click.option(
+    "--no-still-positions",
+    is_flag=True,
+    help="In BVH, leave out the positions of joints that never move: their places become OFFSETs, "
+    "as three.js, pybvh and others want it. The root keeps its own.",
+)
 @running_options
-def command(batch: Batch, running: Running, to: str | None) -> None:
+def command(batch: Batch, running: Running, to: str | None, no_still_positions: bool) -> None:
     """Change the file format: BVH, ASF/AMC, AMASS (read only) and our own npz.
 
     \b
@@ -26,10 +33,13 @@ def command(batch: Batch, running: Running, to: str | None) -> None:
     if to is None and (batch.out.suffix.lower() not in _files.SUFFIXES or batch.out.is_dir()):
         raise click.UsageError("which format? --to bvh, amc or npz")
     jobs = _files.plan(inputs, batch.out, to=to)
-    run(partial(_convert, batch.fps, batch.overwrite), jobs, batch, running)
+    options = {"still_positions": False} if no_still_positions else {}
+    if options and any(job.target.suffix.lower() != ".bvh" for job in jobs):
+        raise click.UsageError("--no-still-positions goes with outputs in BVH")
+    run(partial(_convert, batch.fps, batch.overwrite, options), jobs, batch, running)
 
 
-def _convert(fps: float | None, overwrite: bool, job: Job) -> None:
+def _convert(fps: float | None, overwrite: bool, options: dict[str, Any], job: Job) -> None:
     from jaxmotion.cli._work import read, write
 
-    write(read(job.source, fps), job.target, overwrite=overwrite)
+    write(read(job.source, fps), job.target, overwrite=overwrite, **options)

@@ -26,6 +26,7 @@ from typing import IO, NoReturn
 import numpy as np
 
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted, read_file
+from jaxmotion.io.text import decoded, plain_bytes
 
 _FRAMES_AT_ONCE = 4096
 
@@ -41,20 +42,23 @@ class AmcTable:
     fps: float | None
 
 
-def read_amc(path: str | PathLike, widths: dict[str, int]) -> AmcTable:
+def read_amc(path: str | PathLike, widths: dict[str, int], encoding: str = "utf-8") -> AmcTable:
     """Read the table of an AMC file.
 
-    **Arguments:** ``widths``: how many numbers each bone has, by name. A name that is not there as
-    spelt is looked for in any case.
+    **Arguments:** ``widths``: how many numbers each bone has, by name; ``encoding``: of the .asf.
+    A name that is not there as spelt is looked for in any case, and in the encoding that its own
+    bytes tell.
     **Raises:** :class:`MotionFileError`; ``OSError`` if the file cannot be opened.
     """
-    return _Reader(Path(path), widths).table()
+    return _Reader(Path(path), widths, encoding).table()
 
 
-def write_amc(file: IO[bytes], columns: dict[str, np.ndarray], fps: str, digits: str) -> None:
+def write_amc(
+    file: IO[bytes], columns: dict[str, np.ndarray], fps: str, digits: str, encoding: str
+) -> None:
     """Write columns f64[T, n] by bone name, angles in degrees, as an AMC file.
 
-    **Arguments:** ``fps``: as text; ``digits``: the %-format of a number.
+    **Arguments:** ``fps``: as text; ``digits``: the %-format of a number; ``encoding``: of names.
     """
     lines = ["%d"]
     for name, values in columns.items():
@@ -66,14 +70,15 @@ def write_amc(file: IO[bytes], columns: dict[str, np.ndarray], fps: str, digits:
     for start in range(0, len(numbers), _FRAMES_AT_ONCE):
         rows = numbers[start : start + _FRAMES_AT_ONCE].tolist()
         text = "".join([template % (start + i, *row) for i, row in enumerate(rows, 1)])
-        file.write(text.encode())
+        file.write(text.encode(encoding))
 
 
 class _Reader:
-    def __init__(self, path: Path, widths: dict[str, int]):
+    def __init__(self, path: Path, widths: dict[str, int], encoding: str):
         self.path = path
         self.widths = widths
-        data = read_file(path).removeprefix(b"\xef\xbb\xbf")
+        self.encoding = encoding
+        data = plain_bytes(path, read_file(path))
         if b"\r" in data:
             data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         self.lines = data.split(b"\n")
@@ -126,12 +131,16 @@ class _Reader:
 
     def _pattern(self, first_frame: list[bytes]) -> list[tuple[str, bytes, int]]:
         """Name, name as spelt and number of values of each line of a frame."""
-        by_lower = {name.lower(): name for name in self.widths}
+        by_lower = {name.lower(): name for name in self.widths} | {n: n for n in self.widths}
+        _, own = decoded(self.path, b"\n".join(line.split()[0] for line in first_frame))
         pattern: dict[str, tuple[str, bytes, int]] = {}
         for place, line in enumerate(first_frame, 1):
             token = line.split()[0]
-            spelt = _decoded(token)
-            name = spelt if spelt in self.widths else by_lower.get(spelt.lower(), "")
+            spelt = token.decode(own)
+            for text in (token.decode(self.encoding, "replace"), spelt):
+                name = by_lower.get(text) or by_lower.get(text.lower(), "")
+                if name:
+                    break
             if not name or name in pattern:
                 self.fail(
                     f"{'a second' if name else 'an unknown'} bone {quoted(spelt)}",
@@ -227,10 +236,3 @@ def _number(text: str | bytes) -> float:
         return math.nan if "_" in str(text) else float(text)
     except ValueError:
         return math.nan
-
-
-def _decoded(token: bytes) -> str:
-    try:
-        return token.decode()
-    except UnicodeDecodeError:
-        return token.decode("latin-1")

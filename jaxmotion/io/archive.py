@@ -8,6 +8,7 @@ arrays that nobody asked for (of any kind) do no harm.
 
 import io
 import math
+import sys
 import zipfile
 from os import PathLike
 from pathlib import Path
@@ -89,7 +90,12 @@ class Archive:
             if math.prod(shape) * dtype.itemsize > info.file_size:
                 raise ValueError(f"shape {shape} in {info.file_size} bytes")
             with archive.open(info) as file:
-                return np.lib.format.read_array(file, allow_pickle=False)
+                array = np.lib.format.read_array(file, allow_pickle=False)
+        if dtype.kind == "U" and dtype.itemsize:
+            characters = array.astype(dtype.newbyteorder("=")).ravel().view(np.uint32)
+            if characters.max(initial=0) > sys.maxunicode:  # NumPy makes a broken str of it
+                raise ValueError("characters beyond Unicode")
+        return array
 
 
 def write_archive(file: IO[bytes], arrays: dict[str, np.ndarray], *, compress: bool) -> None:

@@ -28,6 +28,7 @@ from typing import NoReturn
 import numpy as np
 
 from jaxmotion.io.errors import MotionFileError, quoted, read_file
+from jaxmotion.io.text import decoded, plain_bytes
 from jaxmotion.skeleton import AsfBone, Skeleton
 
 LINK = "__link"
@@ -70,32 +71,31 @@ def rotation_order(dofs: tuple[str, ...]) -> str:
     return turns + others if len(turns) < 3 else turns
 
 
-def read_asf(path: str | PathLike) -> tuple[Skeleton, str]:
+def read_asf(path: str | PathLike, encoding: str | None = None) -> tuple[Skeleton, str]:
     """Skeleton of an ASF file (f64, NumPy arrays) and the file's unit of angles, "deg" or "rad".
 
+    **Arguments:** ``encoding``: of the names, by default told from their bytes.
     **Raises:** :class:`MotionFileError`; ``OSError`` if the file cannot be opened.
     """
     with np.errstate(all="ignore"):
-        return _Reader(Path(path)).skeleton()
+        return _Reader(Path(path), encoding).skeleton()
 
 
 class _Reader:
-    def __init__(self, path: Path):
+    def __init__(self, path: Path, encoding: str | None):
         self.path = path
-        self.sections = self._sections(read_file(path))
+        data = plain_bytes(path, read_file(path))
+        text, self.encoding = decoded(path, data, encoding)
+        self.sections = self._sections(text)
 
     def fail(self, found: str, expected: str, line: int | None = None, hint: str = "") -> NoReturn:
         raise MotionFileError(self.path, found, expected=expected, line=line, hint=hint)
 
-    def _sections(self, data: bytes) -> dict[str, list[Line]]:
-        try:
-            text = data.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = data.decode("latin-1")
+    def _sections(self, text: str) -> dict[str, list[Line]]:
         sections: dict[str, list[Line]] = {}
         rows: list[Line] = []
         for number, row in enumerate(re.split(r"\r\n|\n|\r", text), 1):
-            tokens = re.sub(r"#.*|[,()]", " ", row).split()
+            tokens = re.findall(r"\S+", re.sub(r"#.*|[,()]", " ", row), re.ASCII)
             if tokens and tokens[0][0] == ":":
                 rows = sections.setdefault(tokens[0].lower(), [])
                 tokens = tokens[1:]
@@ -103,7 +103,7 @@ class _Reader:
                 rows.append((number, tokens))
         if ":root" not in sections and ":bonedata" not in sections:
             self.fail(
-                f"{quoted(data[:40])} and no section ':root' or ':bonedata'",
+                f"{quoted(text[:40])} and no section ':root' or ':bonedata'",
                 "an Acclaim skeleton",
                 hint="check that this is the .asf file",
             )
@@ -139,6 +139,7 @@ class _Reader:
                 for bone in chosen
             ],
             length_unit=length_unit,
+            encoding=self.encoding,
         )
         return skeleton, unit
 

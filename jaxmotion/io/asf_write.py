@@ -25,9 +25,9 @@ def asf_names(skeleton: Skeleton) -> list[str]:
     """The joints' names as an ASF file can hold them; one word each, unique, the first "root"."""
     names = ["root"]
     for name in skeleton.names[1:]:
-        word = re.sub(r"[\s#,()\x00-\x1f]+", "_", name).lstrip(":") or "_"
+        word = re.sub(r"[\s#,()\x00-\x1f]+", "_", name, flags=re.ASCII).lstrip(":") or "_"
         word = word.encode("utf-8", "backslashreplace").decode()
-        if re.fullmatch(rf"\d+|begin|end|root|.*{LINK}|.+{END}\d*", word, re.IGNORECASE):
+        if re.fullmatch(rf"\d+|begin|end|root|.*{LINK}|.+{END}\d*", word, re.I | re.A):
             word += "_"
         base, count = word, 1
         while word in names:

@@ -45,6 +45,8 @@ from jaxmotion.io.atomic import atomic_write
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning
 from jaxmotion.io.precision import float_type
 from jaxmotion.io.printed_digits import LARGEST_ROUNDING, SINGLE_PRECISION
+from jaxmotion.io.soundness import check_clip
+from jaxmotion.io.text import encoding_for
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import AsfBone, Skeleton
 
@@ -57,13 +59,15 @@ def load_amc(
     asf: str | PathLike | None = None,
     fps: float | int | None = None,
     dtype=None,
+    encoding: str | None = None,
 ) -> Motion:
     """Read an AMC motion and its ASF skeleton.
 
     **Arguments:** ``asf``: the skeleton's file; by default the one beside ``path`` with its stem,
     or with the stem up to an underscore (``02_05.amc`` → ``02.asf``), or the folder's only one;
     ``fps``: frames a second, by default what the file says, else 120; ``dtype``: float32 or
-    float64, by default JAX's.
+    float64, by default JAX's; ``encoding``: of the .asf's names ("gbk"), by default told from their
+    bytes (:mod:`jaxmotion.io.text`).
     **Returns:** a :class:`~jaxmotion.Motion`; ``skeleton.asf`` and ``skeleton.channels`` hold the
     bones' axes, limits and dofs.
     **Raises:** :class:`MotionFileError` for a file that cannot be understood, or no ASF;
@@ -73,9 +77,9 @@ def load_amc(
         raise ValueError(f"load_amc: fps={fps!r}; expected a positive number")
     path = Path(path)
     dtype = float_type(dtype)
-    skeleton, asf_unit = read_asf(Path(asf) if asf is not None else asf_beside(path))
+    skeleton, asf_unit = read_asf(Path(asf) if asf is not None else asf_beside(path), encoding)
     widths = {n: len(d) for n, d in zip(skeleton.names, skeleton.channels, strict=True)}
-    table = read_amc(path, widths)
+    table = read_amc(path, widths, skeleton.encoding)
     columns = table.columns
     if (table.unit or asf_unit) == "deg":
         dofs = dict(zip(skeleton.names, skeleton.channels, strict=True))
@@ -103,6 +107,7 @@ def load_amc(
             channels=skeleton.channels,
             asf=skeleton.asf,
             length_unit=skeleton.length_unit,
+            encoding=skeleton.encoding,
         ),
         translations,
         rotations,
@@ -122,14 +127,14 @@ def save_amc(
 
     **Arguments:** ``motion``: one clip; ``asf``: where the skeleton goes, by default ``path`` with
     the suffix .asf; ``overwrite``: whether files of those names may be replaced.
-    **Raises:** ``ValueError`` for several clips, no frames, NaN, or one name for both files;
-    ``FileExistsError`` and other ``OSError`` from writing.
+    **Raises:** ``ValueError`` for several clips, no frames, NaN, rotations that are no unit
+    quaternions, or one name for both files; ``FileExistsError`` and other ``OSError`` from writing.
     """
     path = Path(path)
     asf = path.with_suffix(".asf") if asf is None else Path(asf)
     if os.path.realpath(asf) == os.path.realpath(path):
         raise ValueError(f"save_amc: path and asf are both {printable(path)}; give two names")
-    _check(motion)
+    check_clip(motion)
     if not overwrite and (existing := [p for p in (path, asf) if p.exists()]):
         raise FileExistsError(f"{printable(existing[0])} exists; pass overwrite=True to replace it")
     skeleton, translations = _at_rest(motion)
@@ -143,13 +148,14 @@ def save_amc(
     }
     limits = [_limits(bone, names) for bone, names in zip(bones, dofs, strict=True)]
     text = asf_text(skeleton, bones, dofs, limits)
+    encoding = encoding_for(text, skeleton.encoding)
     digits = "%r" if motion.dtype == np.float64 else "%.9g"
     with (
         atomic_write(asf, overwrite=overwrite) as asf_file,
         atomic_write(path, overwrite=overwrite) as amc_file,
     ):
-        asf_file.write(text.encode())
-        write_amc(amc_file, columns, _fps_text(np.asarray(motion.frame_time)), digits)
+        asf_file.write(text.encode(encoding))
+        write_amc(amc_file, columns, _fps_text(np.asarray(motion.frame_time)), digits, encoding)
 
 
 def asf_beside(path: Path) -> Path:
@@ -170,22 +176,6 @@ def asf_beside(path: Path) -> Path:
         expected=f"its skeleton, such as {path.stem.partition('_')[0]}.asf",
         hint="pass the skeleton's file: asf=...",
     )
-
-
-def _check(motion: Motion) -> None:
-    translations, rotations = np.asarray(motion.translations), np.asarray(motion.rotations)
-    if rotations.ndim != 3 or len(rotations) == 0:
-        raise ValueError(
-            f"save_amc: a motion of rotations {rotations.shape}; expected one clip with frames"
-        )
-    usable = np.isfinite(translations).all(-1) & np.isfinite(rotations).all(-1)
-    usable &= rotations.any(-1)
-    if not usable.all():
-        frame, joint = np.argwhere(~usable)[0]
-        raise ValueError(
-            f"save_amc: joint {motion.skeleton.names[joint]!r} at frame {frame} has no finite "
-            "translation and rotation; repair the motion first"
-        )
 
 
 def _moved_joints(skeleton: Skeleton, translations: np.ndarray) -> tuple[int, ...]:

@@ -9,23 +9,24 @@ single precision. The root always does. The values are kept as they are, for the
 read a joint that is not translated at its first frame.
 
 Names, channel names and order, end sites and the text of the frame time are kept. Read without
-complaint: any mixture of channels, CRLF, tabs, byte-order marks (UTF-8, UTF-16), Latin-1 names,
-exponents, no line end at the end of the file. Repaired, with a
-:class:`~jaxmotion.io.MotionFileWarning`: a frame count that is not the number of rows (the rows
-count), a last row that is cut off (dropped), a name used twice (numbered).
+complaint: any mixture of channels, any white space between words, CRLF, byte-order marks (UTF-8,
+UTF-16), a DOS end-of-file mark, names in other encodings than UTF-8, exponents, no line end at the
+end of the file. Repaired, with a :class:`~jaxmotion.io.MotionFileWarning`: a frame count that is
+not the number of rows (the rows count), a last row that is cut off (dropped), text after the last
+row (left out), a name used twice (numbered).
 
 Writing. Translations are exact (the shortest decimals that read back as the same number); angles
 are unwrapped against the frame before and rounded to 10⁻¹² degrees, so rotations come back to
 better than 10⁻¹² rad and a file's own decimals come back as they were. Nothing of a motion is lost:
 where a joint's channels cannot express what it does, the missing rotations are added after its
 channels, the missing positions in front of them, with a warning that names the joints. Channels
-that are not BVH's (a skeleton from another format) become BVH's usual ones. Joints are written
-depth first.
+that are not BVH's (a skeleton from another format) become BVH's usual ones, and so does their
+absence there. Joints are written depth first, names in the encoding they were read from where that
+can write them and will be told from them again, else in UTF-8.
 
 Memory: the file's text and the motion's arrays; both ways work through it in small blocks.
 """
 
-import codecs
 import re
 import warnings
 from collections import deque
@@ -54,30 +55,39 @@ from jaxmotion.io.printed_digits import (
     PrintedDigits,
     printed_digits,
 )
+from jaxmotion.io.text import decoded, plain_bytes
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 
-_MOTION = re.compile(rb"^[ \t}]*(MOTION)[ \t\r]*$", re.IGNORECASE | re.MULTILINE)
+# First on its line or after a brace; elsewhere it is a joint's name.
+_MOTION = re.compile(rb"(?:^[ \t\v\f]*|\}\s*)(MOTION)(?=\s|\Z)", re.IGNORECASE | re.MULTILINE)
 _MOST_POSES_A_BYTE = 100
 
 
 def load_bvh(
-    path: str | PathLike, *, dtype=None, frame_time: float | None = None, up: str = "y"
+    path: str | PathLike,
+    *,
+    dtype=None,
+    frame_time: float | None = None,
+    up: str = "y",
+    encoding: str | None = None,
 ) -> Motion:
     """Read a BVH file; see the module for what is kept, accepted and repaired.
 
     **Arguments:** ``path``: the file; ``dtype``: of the arrays, as :func:`jaxmotion.load`;
     ``frame_time``: seconds, to overrule the file's; ``up``: the axis that points up, which BVH
-    does not say.
+    does not say; ``encoding``: of the names ("gbk"), by default told from their bytes
+    (:mod:`jaxmotion.io.text`).
     **Returns:** a :class:`~jaxmotion.Motion`, lengths in the file's unit.
     **Raises:** :class:`~jaxmotion.io.MotionFileError` for a file that cannot be understood;
     ``OSError`` for one that cannot be opened.
     """
     dtype = float_type(dtype)
-    data = _as_text(path, read_file(path))
+    data = plain_bytes(path, read_file(path))
     word = _MOTION.search(data)
     top = data[: word.start(1)] if word else data
-    hierarchy = parse_hierarchy(path, _decoded(top))
+    text, encoding = decoded(path, top, encoding)
+    hierarchy = parse_hierarchy(path, text)
     if word is None:
         line = data.count(b"\n") + 1
         raise MotionFileError(
@@ -88,7 +98,7 @@ def load_bvh(
             line=line,
         )
     frames = parse_header(path, data, word.end(1))
-    seconds, text = _frame_time(path, frames, frame_time, dtype)
+    seconds, spelt = _frame_time(path, frames, frame_time, dtype)
     if np.abs(hierarchy.offsets).max() > np.finfo(dtype).max:
         raise _too_large(path, dtype)
     translations, rotations, moved = _read_frames(path, data, frames, hierarchy, dtype)
@@ -101,6 +111,7 @@ def load_bvh(
         end_labels=hierarchy.end_labels,
         channels=hierarchy.channels,
         up=up,
+        encoding=encoding,
     )
     return Motion(
         skeleton,
@@ -108,19 +119,29 @@ def load_bvh(
         jax.device_put(rotations),
         seconds,
         translated_joints=moved,
-        frame_time_text=text,
+        frame_time_text=spelt,
     )
 
 
-def save_bvh(motion: Motion, path: str | PathLike, *, overwrite: bool = True) -> None:
+def save_bvh(
+    motion: Motion,
+    path: str | PathLike,
+    *,
+    overwrite: bool = True,
+    still_positions: bool = True,
+) -> None:
     """Write a BVH file, whole or not at all; see the module for what is written how.
 
     **Arguments:** ``motion``: one clip of at least one frame, finite; ``path``: the file;
-    ``overwrite``: whether a file of that name may be replaced.
+    ``overwrite``: whether a file of that name may be replaced; ``still_positions``: whether joints
+    that never move keep their position channels. Programs that add positions to OFFSET, or take
+    none but the root's, need ``False``: such a joint's place becomes its OFFSET, so the world
+    positions are the same; joints that move keep theirs, and a
+    :class:`~jaxmotion.io.MotionFileWarning` names them.
     **Raises:** ``ValueError`` for a motion that BVH cannot hold (batched, no frames, not finite,
     names with braces or line ends); ``FileExistsError`` and other ``OSError`` from writing.
     """
-    plan = bvh_write.plan(motion)
+    plan = bvh_write.plan(motion, still_positions=still_positions)
     if plan.extended:
         warnings.warn(
             f"{path}: channels were added to {len(plan.extended)} joints so that nothing is lost: "
@@ -128,30 +149,17 @@ def save_bvh(motion: Motion, path: str | PathLike, *, overwrite: bool = True) ->
             MotionFileWarning,
             stacklevel=2,
         )
+    if plan.moving:
+        warnings.warn(
+            f"{path}: positions were kept of the joints that move, {len(plan.moving)} in all: "
+            f"{', '.join(plan.moving[:8])}",
+            MotionFileWarning,
+            stacklevel=2,
+        )
     with atomic_write(path, overwrite=overwrite) as file:
-        file.write(bvh_write.header_text(motion, plan.channels))
+        file.write(bvh_write.header_text(motion, plan))
         for piece in bvh_write.frames_text(motion, plan):
             file.write(piece)
-
-
-def _as_text(path, data: bytes) -> bytes:
-    """The bytes without a byte-order mark, in an encoding that contains ASCII, with line feeds."""
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        try:
-            data = data.decode("utf-16").encode("utf-8")
-        except UnicodeError:
-            raise MotionFileError(
-                path, "bytes that are not the UTF-16 they claim to be", expected="text", line=1
-            ) from None
-    data = data.removeprefix(codecs.BOM_UTF8)
-    return data if b"\n" in data else data.replace(b"\r", b"\n")
-
-
-def _decoded(data: bytes) -> str:
-    try:
-        return data.decode("utf-8")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
 
 
 def _frame_time(path, frames: Frames, given: float | None, dtype) -> tuple[float, str | None]:

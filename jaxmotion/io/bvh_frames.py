@@ -6,9 +6,10 @@
     c₁ … c_C        T rows, C the number of channels
 
 The rows that are there count, not the header's T: where they differ, the rows are kept and a
-:class:`~jaxmotion.io.MotionFileWarning` says so; a last row that is cut off is dropped likewise.
-A row may be wrapped over lines, but begins on a line of its own. Nothing is allocated from a
-number in the file; only from how many numbers the file holds.
+:class:`~jaxmotion.io.MotionFileWarning` says so; a last row that is cut off, and text after the
+last row, are dropped likewise. A row may be wrapped over lines, but begins on a line of its own
+(else a number missing here and one too many there would pass for frames). Nothing is allocated from
+a number in the file; only from how many numbers the file holds.
 
 Two passes: the first counts the tokens of every line (byte masks), so that a missing number is
 found where it is missing; the second turns a megabyte of text at a time into float64. Only
@@ -17,18 +18,22 @@ when that fails does a slow search name the token. O(bytes).
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from io import BytesIO
 from os import PathLike
 from typing import NamedTuple
 
 import numpy as np
 
-from jaxmotion.io.bvh_hierarchy import Hierarchy, parse_number
+from jaxmotion.io.bvh_hierarchy import Hierarchy, number_hint, parse_number
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted
 
-_FRAMES = re.compile(rb"\s*Frames[ \t]*:?[ \t]*([^\s:]*)", re.IGNORECASE)
-_FRAME_TIME = re.compile(rb"\s*Frame[ \t]*Time[ \t]*:?[ \t]*([^\s:]*)", re.IGNORECASE)
+# The value may stand on the next line: a frame time, if it is alone there (else it is a row).
+_FRAMES = re.compile(rb"\s*Frames\s*:?[ \t]*(?:\s+(?=\+?\d))?([^\s:]*)", re.IGNORECASE)
+_FRAME_TIME = re.compile(
+    rb"\s*Frame\s*Time[ \t]*:?[ \t]*(?:\s+(?=\S+[ \t\r]*\n))?([^\s:]*)", re.IGNORECASE
+)
 _UNFINISHED = re.compile(rb"[+-]?\d*\.?\d*([eE][+-]?)?")
 _SCAN_BYTES = 1 << 20
 _PARSE_BYTES = 1 << 20
@@ -73,13 +78,25 @@ def parse_header(path: str | PathLike, data: bytes, start: int) -> Frames:
     line += data.count(b"\n", start, first.end())
     if not re.fullmatch(rb"\+?[0-9]{1,18}", first[1]):
         raise MotionFileError(
-            path, f"Frames: {quoted(first[1])}", expected="a whole number of frames", line=line
+            path,
+            f"Frames: {quoted(first[1])}",
+            expected="a whole number of frames, in digits alone",
+            line=line,
         )
     second = _FRAME_TIME.match(data, first.end())
     if second is None:
         raise _expected(path, data, first.end(), line, "'Frame Time: seconds' after 'Frames:'")
     line += data.count(b"\n", first.end(), second.end())
     text = second[1].decode("latin-1")
+    after = re.compile(rb"[ \t]*(\S*)").match(data, second.end())
+    if after and after[1] and _number(after[1]) is None:
+        raise MotionFileError(
+            path,
+            f"{quoted(after[1])} after Frame Time: {quoted(text)}",
+            expected="a number of seconds and nothing else on its line",
+            hint="take it out, and write the time in seconds if that is another unit",
+            line=line,
+        )
     return Frames(int(first[1]), text, second.end(), line)
 
 
@@ -98,7 +115,9 @@ def find_rows(path: str | PathLike, data: bytes, frames: Frames, hierarchy: Hier
     line_ends, tokens = _count_tokens(data, frames.start)
     if unfinished and tokens[-1] % columns == 0:
         tokens[-1] -= 1
-    rows, left_over = _group(path, tokens, columns, frames)
+    rows, left_over = _group(
+        tokens, columns, partial(_wrong_count, path, data, frames, hierarchy, line_ends)
+    )
     completing = np.flatnonzero(np.diff(rows, prepend=0) * (rows > 0))
     if completing.size == 0:
         raise MotionFileError(
@@ -113,7 +132,8 @@ def find_rows(path: str | PathLike, data: bytes, frames: Frames, hierarchy: Hier
         rows[completing],
         one_a_line=bool(np.isin(tokens[: completing[-1] + 1], (0, columns)).all()),
     )
-    _report_repairs(path, found.count, left_over, columns, frames.declared)
+    stray = _no_number(data[found.ends[-1] :], but_last=unfinished) if left_over else None
+    _report_repairs(path, found.count, left_over, stray, columns, frames.declared)
     return found
 
 
@@ -172,7 +192,7 @@ def _expected(path, data: bytes, start: int, line: int, expected: str) -> Motion
 def _unfinished_token(data: bytes, start: int) -> bool:
     """Whether the file stops in the middle of a number ("-", "1.5e"), with no line end after."""
     tail = re.search(rb"[^\s]+\Z", data[max(start, len(data) - 64) :])
-    if tail is None or parse_number(tail[0].decode("latin-1")) is not None:
+    if tail is None or _number(tail[0]) is not None:
         return False
     return _UNFINISHED.fullmatch(tail[0]) is not None
 
@@ -194,8 +214,13 @@ def _count_tokens(data: bytes, start: int) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(ends), np.diff(np.concatenate(totals), prepend=0)
 
 
-def _group(path, tokens: np.ndarray, columns: int, frames: Frames) -> tuple[np.ndarray, int]:
-    """Rows complete at the end of each line, and the numbers left over at the end."""
+def _group(
+    tokens: np.ndarray, columns: int, wrong: Callable[..., MotionFileError]
+) -> tuple[np.ndarray, int]:
+    """Rows complete at the end of each line, and the numbers left over at the end.
+
+    ``wrong``: the error for a number of tokens in a frame and from which line to which they stand.
+    """
     if not (tokens % columns).any():
         return np.cumsum(tokens // columns), 0
     rows = np.empty(len(tokens), np.int64)
@@ -206,7 +231,7 @@ def _group(path, tokens: np.ndarray, columns: int, frames: Frames) -> tuple[np.n
             done += (held + here) // columns
             held = 0
         elif held + here > columns:
-            raise _wrong_count(path, held or here, columns, frames, done, began if held else i)
+            raise wrong(held or here, done, began if held else i, i if held == 0 else i - 1)
         else:
             began = began if held else i
             held += here
@@ -214,20 +239,52 @@ def _group(path, tokens: np.ndarray, columns: int, frames: Frames) -> tuple[np.n
     return rows, held
 
 
-def _wrong_count(path, found: int, columns: int, frames: Frames, frame: int, line: int):
+def _wrong_count(
+    path,
+    data: bytes,
+    frames: Frames,
+    hierarchy: Hierarchy,
+    line_ends: np.ndarray,
+    found: int,
+    frame: int,
+    first: int,
+    last: int,
+) -> MotionFileError:
+    start = int(line_ends[first - 1]) if first else frames.start
+    stray = _no_number(data[start : int(line_ends[last])])
+    counted = f"{found} number{'s' * (found != 1)}"
+    hint = "compare the CHANNELS lines with the rows; a number may be missing or split"
+    if stray is not None:
+        counted = f"{quoted(stray)} among {counted}"
+        hint = number_hint(stray.decode("latin-1")) or "take out what is no number"
     return MotionFileError(
         path,
-        f"{found} numbers",
-        expected=f"{columns}, one for each channel of the hierarchy",
-        hint="compare the CHANNELS lines with the rows; a number may be missing or split",
-        line=frames.line + line,
+        counted,
+        expected=f"{hierarchy.columns}, one for each channel of the hierarchy",
+        hint=hint,
+        line=frames.line + first,
         frame=frame,
     )
 
 
-def _report_repairs(path, count: int, left_over: int, columns: int, declared: int) -> None:
+def _no_number(text: bytes, *, but_last: bool = False) -> bytes | None:
+    """The first token that is no finite number."""
+    tokens = text.split()
+    tokens = tokens[:-1] if but_last else tokens
+    return next((token for token in tokens if _number(token) is None), None)
+
+
+def _number(token: bytes) -> float | None:
+    return parse_number(token.decode("latin-1"))
+
+
+def _report_repairs(
+    path, count: int, left_over: int, stray: bytes | None, columns: int, declared: int
+) -> None:
     repairs = []
-    if left_over:
+    if stray is not None:
+        repairs.append(f"{quoted(stray)} after the last frame is no number and was left out")
+    elif left_over:
         repairs.append(
             f"the last row is cut off ({left_over} of {columns} numbers) and was dropped"
         )
@@ -244,13 +301,13 @@ def _bad_token(path, data, span, frame: int, frames: Frames, hierarchy: Hierarch
     seen = 0
     for offset, text in enumerate(data[start:stop].split(b"\n")):
         for token in text.split():
-            if parse_number(token.decode("latin-1")) is None:
+            if _number(token) is None:
                 column = hierarchy.column_name(seen % hierarchy.columns)
                 return MotionFileError(
                     path,
                     f"{quoted(token)} for {quoted(column)}",
                     expected="a finite number",
-                    hint="write decimal points, not commas" if b"," in token else "",
+                    hint=number_hint(token.decode("latin-1")),
                     line=line + offset,
                     frame=frame + seen // hierarchy.columns,
                 )

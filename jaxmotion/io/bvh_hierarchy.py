@@ -1,22 +1,23 @@
 """The upper half of a BVH file: joints, offsets, channels, end sites.
 
     HIERARCHY
-    ROOT name                      names run to the end of the line: spaces and colons are theirs
-    {
+    ROOT name                      names run to the brace or the end of the line: blanks and colons
+    {                              are theirs
         OFFSET x y z
         CHANNELS n name … name     may be absent: no channels
         JOINT name { … }
         End Site { OFFSET x y z }
     }
 
-Keywords in any case, any white space, braces on lines of their own or not. Nesting may be as deep
-as it likes (a list is the stack). A name that occurs twice gets a number ("Bone", "Bone_2") with a
-:class:`~jaxmotion.io.MotionFileWarning`. O(characters).
+Keywords in any case; any white space between words, all of it on one line or every word on its own.
+Nesting may be as deep as it likes (a list is the stack). A name that occurs twice gets a number
+("Bone", "Bone_2") with a :class:`~jaxmotion.io.MotionFileWarning`. O(characters).
 """
 
 import math
 import re
 import warnings
+from collections.abc import Iterator
 from os import PathLike
 from typing import NamedTuple
 
@@ -25,10 +26,18 @@ import numpy as np
 from jaxmotion.io.channels import JointChannels, parse_channels
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_UNSIGNED = r"(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+_NUMBER = re.compile(rf"[+-]?{_UNSIGNED}", re.ASCII)
+_JOINED = re.compile(rf"[+-]?{_UNSIGNED}(?:[+-]{_UNSIGNED})+", re.ASCII)
 _PIECE = re.compile(r"[{}]|[^{}]+")
 _BLANK = " \t\r\v\f"
 _BLANKS = re.compile(f"[{_BLANK}]+")
+_NAMING = "joint|root|end"
+_KEYWORD = re.compile(rf"[{{}}]|(?:{_NAMING}|offset|channels|hierarchy)(?![^{_BLANK}])", re.I)
+# A keyword with the name after it; any other words up to a keyword.
+_PART = re.compile(
+    rf"(?:{_NAMING})(?![^{_BLANK}]).*|[^{_BLANK}].*?(?=[{_BLANK}]+(?:{_KEYWORD.pattern})|$)", re.I
+)
 
 
 class Hierarchy(NamedTuple):
@@ -67,6 +76,16 @@ def parse_number(text: str) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def number_hint(text: str) -> str:
+    """What to try where ``text`` stands for a number and is none."""
+    if "," in text or ";" in text:
+        alone = parse_number(text.rstrip(",;")) is not None
+        return "put blanks between the numbers" if alone else "write decimal points, not commas"
+    if _JOINED.fullmatch(text):
+        return "put a blank between the numbers that are joined"
+    return ""
+
+
 def keyword_and_value(text: str) -> tuple[str, str]:
     """The first word, in small letters, and what follows the blanks after it."""
     word, *rest = _BLANKS.split(text, maxsplit=1)
@@ -75,7 +94,9 @@ def keyword_and_value(text: str) -> tuple[str, str]:
 
 def reads_back(text: str) -> bool:
     """Whether a name or label, written on a line, is read as it was."""
-    return text != "" and text == text.strip(_BLANK) and not set(text) & set("{}\n")
+    if text == "" or text != text.strip(_BLANK) or set(text) & set("{}\n"):
+        return False
+    return not any("\ud800" <= c <= "\udfff" for c in text)  # halves of characters
 
 
 def parse_hierarchy(path: str | PathLike, text: str) -> Hierarchy:
@@ -85,12 +106,39 @@ def parse_hierarchy(path: str | PathLike, text: str) -> Hierarchy:
     follow the module's grammar.
     """
     parser = _Parser(path)
-    for number, line in enumerate(text.split("\n"), 1):
-        parser.line = number
-        for piece in _PIECE.findall(line):
-            if statement := piece.strip(_BLANK):
-                parser.statement(statement)
+    for parser.line, statement in _statements(text):
+        parser.statement(statement)
+    parser.line = text.count("\n") + 1
     return parser.finished()
+
+
+def _statements(text: str) -> Iterator[tuple[int, str]]:
+    """Braces, and keywords with what belongs to them, each with the line it begins on."""
+    held, begun = "", 0
+    for number, line in enumerate(text.split("\n"), 1):
+        for piece in _PIECE.findall(line):
+            for part in _PART.findall(piece.strip(_BLANK)):
+                if held and _KEYWORD.match(part):
+                    yield begun, held
+                    held = ""
+                held, begun = (f"{held} {part}", begun) if held else (part, number)
+                if not _wants_more(held):
+                    yield begun, held
+                    held = ""
+    if held:
+        yield begun, held
+
+
+def _wants_more(statement: str) -> bool:
+    """Whether what a statement lacks may stand on the next line."""
+    keyword, value = keyword_and_value(statement)
+    words = value.split()
+    if keyword == "offset":
+        return len(words) < 3
+    if keyword == "channels":
+        count = int(words[0]) if words and re.fullmatch("[0-6]", words[0]) else 0
+        return not words or len(words) <= count
+    return not words and keyword in ("joint", "root", "end")
 
 
 class _Scope:
@@ -198,7 +246,7 @@ class _Parser:
             raise self.error(f"OFFSET {quoted(value)}", "one OFFSET inside each joint")
         known = [number for number in numbers if number is not None]
         if len(numbers) != 3 or len(known) != 3:
-            hint = "write decimal points, not commas" if "," in value else ""
+            hint = number_hint(value.split()[0]) if value else ""
             raise self.error(f"OFFSET {quoted(value)}", "three finite numbers", hint)
         self.open[-1].offset = known
         self.open[-1].offset_text = value

@@ -10,9 +10,17 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmotion.io.bvh_hierarchy import keyword_and_value, parse_number, reads_back
-from jaxmotion.io.channels import parse_channels, with_all_positions, with_all_rotations
+from jaxmotion.io.channels import (
+    parse_channels,
+    with_all_positions,
+    with_all_rotations,
+    without_positions,
+)
 from jaxmotion.io.decimal_text import number_text, table_text
+from jaxmotion.io.errors import quoted
 from jaxmotion.io.euler_blocks import angle_blocks, frame_blocks, one_branch
+from jaxmotion.io.soundness import check_clip
+from jaxmotion.io.text import encoding_for
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import DEFAULT_CHANNELS, DEFAULT_ROOT_CHANNELS, Skeleton
 
@@ -20,23 +28,42 @@ from jaxmotion.skeleton import DEFAULT_CHANNELS, DEFAULT_ROOT_CHANNELS, Skeleton
 class Plan(NamedTuple):
     """What to write.
 
-    ``channels``: of every joint; ``order``: joints depth first, as written; ``partial``: angles
-    f64[T, k] in radians of the joints with one or two rotation channels; ``extended``: names of
-    the joints whose channels are more than the skeleton says.
+    ``channels``: of every joint; ``offsets``: f[J, 3]; ``order``: joints depth first, as written;
+    ``partial``: angles f64[T, k] in radians of the joints with one or two rotation channels;
+    ``extended``: names of the joints whose channels are more than the skeleton says; ``moving``: of
+    those that keep the positions that were to be left out, as they move.
     """
 
     channels: tuple[tuple[str, ...], ...]
+    offsets: np.ndarray
     order: tuple[int, ...]
     partial: dict[int, np.ndarray]
     extended: tuple[str, ...]
+    moving: tuple[str, ...]
 
 
-def plan(motion: Motion) -> Plan:
-    """Decide the channels; ``ValueError`` for a motion that no BVH file can hold."""
-    _check(motion)
+def plan(motion: Motion, *, still_positions: bool = True) -> Plan:
+    """Decide the channels; ``ValueError`` for a motion that no BVH file can hold.
+
+    ``still_positions``: whether joints that never move keep their position channels.
+    """
+    check_clip(motion)
     skeleton = motion.skeleton
-    wanted = [_bvh_channels(skeleton, joint) for joint in range(skeleton.num_joints)]
+    _check_skeleton(skeleton)
+    wanted, offsets = _bvh_channels(skeleton), np.array(skeleton.offsets)
     moved, rotations = _moved_axes(motion), np.asarray(motion.rotations)
+    moving = ()
+    if not still_positions:
+        still = _still_joints(motion)
+        offsets[still] = np.asarray(motion.translations)[0, still]
+        for joint in still:
+            wanted[joint] = without_positions(wanted[joint]) or DEFAULT_CHANNELS
+            moved[joint] = set()
+        moving = tuple(
+            skeleton.names[joint]
+            for joint in range(1, skeleton.num_joints)
+            if joint not in still and (moved[joint] or parse_channels(wanted[joint]).positions)
+        )
     channels, partial = [], {}
     for joint, names in enumerate(wanted):
         known = parse_channels(names)
@@ -55,15 +82,16 @@ def plan(motion: Motion) -> Plan:
     extended = tuple(
         name for name, a, b in zip(skeleton.names, wanted, channels, strict=True) if a != b
     )
-    return Plan(tuple(channels), _depth_first(skeleton), partial, extended)
+    return Plan(tuple(channels), offsets, _depth_first(skeleton), partial, extended, moving)
 
 
-def header_text(motion: Motion, channels) -> bytes:
-    """Everything above the rows."""
+def header_text(motion: Motion, plan: Plan) -> bytes:
+    """Everything above the rows, in the encoding that the names came in."""
     lines = ["HIERARCHY"]
-    lines += _hierarchy_lines(motion.skeleton, channels)
+    lines += _hierarchy_lines(motion.skeleton, plan)
     lines += ["MOTION", f"Frames: {motion.num_frames}", f"Frame Time: {_frame_time_text(motion)}"]
-    return ("\n".join(lines) + "\n").encode()
+    text = "\n".join(lines) + "\n"
+    return text.encode(encoding_for(text, motion.skeleton.encoding))
 
 
 def frames_text(motion: Motion, plan: Plan) -> Iterator[bytes]:
@@ -98,58 +126,48 @@ def frames_text(motion: Motion, plan: Plan) -> Iterator[bytes]:
         yield table_text(values, turning, single=rotations.dtype == np.float32)
 
 
-def _check(motion: Motion) -> None:
-    if np.ndim(motion.rotations) != 3:
-        raise ValueError(
-            f"save: the motion has batch axes, rotations {np.shape(motion.rotations)}; "
-            "save one clip at a time"
-        )
-    if motion.num_frames == 0:
-        raise ValueError("save: the motion has no frames")
-    seconds = float(motion.frame_time)
-    if not 0 < seconds < np.inf:
-        raise ValueError(f"save: frame_time={seconds}; expected a positive, finite number")
-    for field in ("translations", "rotations"):
-        values = np.asarray(getattr(motion, field))
-        if not np.isfinite([values.min(), values.max()]).all():
-            frame, joint, _ = np.argwhere(~np.isfinite(values))[0]
-            name = motion.skeleton.names[joint]
-            raise ValueError(f"save: {field} of {name!r} are not finite at frame {frame}")
-    q = np.asarray(motion.rotations)
-    stray = np.abs(np.einsum("tji,tji->tj", q, q) - 1.0) > 1e-3
-    if stray.any():
-        frame, joint = np.argwhere(stray)[0]
-        name = motion.skeleton.names[joint]
-        raise ValueError(
-            f"save: the rotation of {name!r} at frame {frame} is {q[frame, joint]}; "
-            "expected a unit quaternion (quaternion.normalize makes it one)"
-        )
-    _check_skeleton(motion.skeleton)
-
-
 def _check_skeleton(skeleton: Skeleton) -> None:
     for name in skeleton.names:
         if not reads_back(name):
             raise ValueError(
-                f"save: the joint name {name!r} cannot be written; expected text without braces "
-                "and line ends, and without blanks in front or behind"
+                f"save: the joint name {quoted(name)} cannot be written; expected text without "
+                "braces and line ends, and without blanks in front or behind"
             )
     for label in skeleton.end_labels:
         if not reads_back(label) or keyword_and_value(label)[0] != "end":
-            raise ValueError(f"save: the end site {label!r} cannot be written; expected 'End Site'")
+            raise ValueError(
+                f"save: the end site {quoted(label)} cannot be written; expected 'End Site'"
+            )
     offsets = np.concatenate([np.ravel(skeleton.offsets), np.ravel(skeleton.end_offsets)])
     if not np.isfinite(offsets).all():
         raise ValueError("save: offsets and end_offsets must be finite")
 
 
-def _bvh_channels(skeleton: Skeleton, joint: int) -> tuple[str, ...]:
-    """The skeleton's channels, or BVH's usual ones if they are another format's."""
-    names = skeleton.channels[joint]
+def _bvh_channels(skeleton: Skeleton) -> list[tuple[str, ...]]:
+    """The skeleton's channels, or BVH's usual ones where they are another format's: there a joint
+    without any is one that does not turn, here one that many programs refuse."""
+    known = [_are_bvhs(names) for names in skeleton.channels]
+    usual = [DEFAULT_ROOT_CHANNELS, *[DEFAULT_CHANNELS] * (skeleton.num_joints - 1)]
+    return [
+        names if mine and (names or all(known)) else default
+        for names, mine, default in zip(skeleton.channels, known, usual, strict=True)
+    ]
+
+
+def _are_bvhs(names: tuple[str, ...]) -> bool:
     try:
         parse_channels(names)
     except ValueError:
-        return DEFAULT_CHANNELS if joint else DEFAULT_ROOT_CHANNELS
-    return names
+        return False
+    return True
+
+
+def _still_joints(motion: Motion) -> list[int]:
+    """Joints but the root whose translation is one and the same in all frames."""
+    translations = np.asarray(motion.translations)
+    steady = (translations.max(0) == translations.min(0)).all(-1)
+    steady[[j for j in range(motion.num_joints) if j not in motion.translated_joints]] = True
+    return [j for j in np.flatnonzero(steady).tolist() if j]
 
 
 def _moved_axes(motion: Motion) -> list[set[int]]:
@@ -194,9 +212,9 @@ def _first_columns(plan: Plan) -> dict[int, int]:
     return first
 
 
-def _hierarchy_lines(skeleton: Skeleton, channels) -> Iterator[str]:
+def _hierarchy_lines(skeleton: Skeleton, plan: Plan) -> Iterator[str]:
     """Lines from ROOT to its last brace; end sites and children in the order they came in."""
-    offsets, end_offsets = np.asarray(skeleton.offsets), np.asarray(skeleton.end_offsets)
+    channels, offsets, end_offsets = plan.channels, plan.offsets, np.asarray(skeleton.end_offsets)
     stack: list[tuple[str, int, int]] = [("joint", 0, 0)]
     arranged = _arranged(skeleton)
     while stack:

@@ -66,6 +66,11 @@ def with_all_positions(names: Sequence[str]) -> tuple[str, ...]:
     return (*(f"{'XYZ'[a]}position" for a in range(3) if a not in known), *names)
 
 
+def without_positions(names: Sequence[str]) -> tuple[str, ...]:
+    """The channels that are rotations."""
+    return tuple(names[slot] for slot in parse_channels(names).rotations)
+
+
 def _completed(letters: str) -> str:
     rest = "".join(letter for letter in "XYZ" if letter not in letters)
     return (letters + rest)[:3] if letters else ""

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from jaxmotion._plain import irregular, printable
 
+_LONGEST = 400  # characters of a message's ``found``
+
 
 class MotionFileError(ValueError):
     """A motion file that cannot be read (or written) as asked.
@@ -49,7 +51,8 @@ class MotionFileError(ValueError):
         where = str(self.path)
         where += f":{self.line}" if self.line is not None else ""
         where += f" (frame {self.frame})" if self.frame is not None else ""
-        text = f"{where}: found {self.found}"
+        found = self.found if len(self.found) <= _LONGEST else self.found[:_LONGEST] + "..."
+        text = f"{where}: found {found}"
         text += f"; expected {self.expected}" if self.expected else ""
         text += f". Try: {self.hint}" if self.hint else ""
         return printable(text)

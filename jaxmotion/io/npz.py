@@ -21,6 +21,7 @@ from jaxmotion.io.archive import Archive, write_archive
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.io.errors import MotionFileError, quoted
 from jaxmotion.io.precision import float_type
+from jaxmotion.io.soundness import check_arrays, trouble
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import AsfBone, Skeleton
 
@@ -37,8 +38,8 @@ def save_npz(
 
     **Arguments:** ``motion``: one clip or a batch; ``overwrite``: whether a file of that name may
     be replaced; ``compress``: deflate the arrays (about half the size, ten times the time).
-    **Raises:** ``ValueError`` if an array has NaN or infinite entries; ``FileExistsError`` and
-    other ``OSError`` from writing.
+    **Raises:** ``ValueError`` if an array has NaN or infinite entries, or a rotation is not a unit
+    quaternion; ``FileExistsError`` and other ``OSError`` from writing.
     """
     skeleton = motion.skeleton
     static = {
@@ -52,6 +53,7 @@ def save_npz(
         "asf": [{name: getattr(bone, name) for name in _ASF} for bone in skeleton.asf],
         "up": skeleton.up,
         "length_unit": skeleton.length_unit,
+        "encoding": skeleton.encoding,
     }
     arrays = {
         MARK: np.array(_VERSION),
@@ -62,7 +64,8 @@ def save_npz(
         "offsets": np.asarray(skeleton.offsets),
         "end_offsets": np.asarray(skeleton.end_offsets),
     }
-    for name in _ARRAYS:
+    check_arrays(motion)
+    for name in ("offsets", "end_offsets"):
         if not np.isfinite(arrays[name]).all():
             raise ValueError(f"save_npz: {name} has entries that are not finite; repair them first")
     with atomic_write(path, overwrite=overwrite) as file:
@@ -90,14 +93,18 @@ def load_npz(path: str | PathLike, *, dtype=None) -> Motion:
     static = _static(archive)
     arrays = {name: _floats(archive, name, wanted) for name in _ARRAYS}
     try:
-        return _assemble(static, arrays)
-    except (KeyError, TypeError, ValueError) as error:
+        motion = _assemble(static, arrays)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise MotionFileError(
             path,
             f"fields that do not fit together ({error})",
             expected="what save_npz wrote",
             hint="save the motion again",
         ) from error
+    found = trouble(motion.skeleton.names, motion.translations, motion.rotations)
+    if found:
+        raise MotionFileError(path, found, expected="rotations that are unit quaternions")
+    return motion
 
 
 def _static(archive: Archive) -> dict[str, Any]:
@@ -134,7 +141,9 @@ def _assemble(static: dict[str, Any], arrays: dict[str, Any]) -> Motion:
     fields = _tuples(static)
     names, joints = fields["names"], fields["translated_joints"]
     ends, text = fields["end_joints"], fields["frame_time_text"]
-    words = [names, fields["end_labels"], *fields["channels"], () if text is None else (text,)]
+    encoding = fields.get("encoding", "utf-8")
+    lone = (encoding,) if text is None else (encoding, text)
+    words = [names, fields["end_labels"], *fields["channels"], lone]
     if not all(isinstance(row, tuple) and all(isinstance(w, str) for w in row) for row in words):
         raise TypeError("names that are no lists of texts")
     if not all(type(number) is int for number in (*fields["parents"], *ends, *joints)):
@@ -154,7 +163,8 @@ def _assemble(static: dict[str, Any], arrays: dict[str, Any]) -> Motion:
         channels=fields["channels"],
         asf=[_bone(bone) for bone in fields["asf"]],
         up=fields["up"],
-        length_unit=fields["length_unit"],
+        length_unit=_finite(fields["length_unit"]),
+        encoding=encoding,
     )
     return Motion(
         skeleton,
@@ -167,12 +177,21 @@ def _assemble(static: dict[str, Any], arrays: dict[str, Any]) -> Motion:
 
 
 def _bone(fields: dict[str, Any]) -> AsfBone:
-    (x, y, z), (a, b, c) = (map(float, fields[name]) for name in ("axis", "direction"))
+    (x, y, z), (a, b, c) = (map(_finite, fields[name]) for name in ("axis", "direction"))
     order = fields["axis_order"]
     if sorted(order) != ["X", "Y", "Z"]:
         raise ValueError(f"axis order {order!r}")
     limits = tuple((float(low), float(high)) for low, high in fields["limits"])
-    return AsfBone((x, y, z), order, (a, b, c), float(fields["length"]), limits)
+    if np.isnan(limits).any():
+        raise ValueError("limits that are no numbers")
+    return AsfBone((x, y, z), order, (a, b, c), _finite(fields["length"]), limits)
+
+
+def _finite(value: Any) -> float:
+    number = float(value)
+    if not np.isfinite(number):
+        raise ValueError(f"the number {number}")
+    return number
 
 
 def _tuples(value: Any) -> Any:

@@ -31,7 +31,7 @@ KINDS = ("nan", "empty", "rate", "duplicate", "flip", "jump", "first", "spike", 
 NOTES = ("flip", "gimbal")
 _RATES = (12, 15, 20, 24, 25, 30, 48, 50, 60, 72, 75, 90, 100, 120, 144, 150, 180, 200, 240, 250)
 _RATES = (*_RATES, 300, 360, 400, 480, 500, 1000, *(r * 1000 / 1001 for r in (24, 30, 60, 120)))
-_RATE_TOLERANCE = 0.005
+_RATE_TOLERANCE, _LIKELY = 0.005, 0.2
 _ROOT_SPIKE = 0.02  # of the figure's size
 _ISOLATION, _AROUND = 4.0, 10
 
@@ -90,12 +90,27 @@ def _not_finite(motion: Motion) -> Iterator[Problem]:
 
 
 def _rate(motion: Motion) -> Iterator[Problem]:
-    fps = 1.0 / float(motion.frame_time)
+    seconds = float(motion.frame_time)
+    fps = 1.0 / seconds
+    nearest, share = _nearest_rate(fps)
+    if share <= _RATE_TOLERANCE:
+        return
+    told = f"the frame time is {seconds:.6g} seconds"
+    if seconds > 1 and _nearest_rate(seconds)[1] <= _RATE_TOLERANCE:
+        likely = f"{told}; is it a rate, {seconds:.6g} frames a second?"
+    elif seconds > 1 and _nearest_rate(1000 / seconds)[1] <= _RATE_TOLERANCE:
+        likely = f"{told}; is it milliseconds, {1000 / seconds:.5g} frames a second?"
+    elif share <= _LIKELY:
+        likely = f"{fps:.6g} frames a second is unusual; is it {nearest:.5g}?"
+    else:
+        likely = f"{fps:.6g} frames a second is unusual"
+    yield Problem("rate", f"{likely} (--fps sets it)")
+
+
+def _nearest_rate(fps: float) -> tuple[float, float]:
+    """The nearest rate that cameras and engines use, and by which share ``fps`` differs."""
     nearest = min(_RATES, key=lambda rate: abs(np.log(fps / rate)))
-    if abs(fps / nearest - 1.0) > _RATE_TOLERANCE:
-        yield Problem(
-            "rate", f"{fps:.6g} frames a second is unusual; is it {nearest:.5g}? (--fps sets it)"
-        )
+    return float(nearest), abs(fps / nearest - 1.0)
 
 
 def _duplicates(motion: Motion) -> Iterator[Problem]:

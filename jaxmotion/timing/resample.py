@@ -9,9 +9,10 @@ What decides the result, and what was chosen:
 
 - *When.* ``fps``: frames at j/fps, all that the clip's duration (T − 1)·frame_time holds; the
   first pose stays the first, and less than a new frame of the end is left over. (Files round their
-  rates: an end missed by 1/20 frame counts as met.) ``num_frames``: the duration is kept exactly,
-  the first and last poses are the clip's. ``index``: source frame i belongs at frame index[i].
-  Beyond the outermost poses motion goes on straight.
+  rates: an end missed by 1/20 frame counts as met; by half a frame, if the frame time is a rounding
+  of 1/n and the end would be met at n, as with 0.033333 for 1/30.) ``num_frames``: the duration is
+  kept exactly, the first and last poses are the clip's. ``index``: source frame i belongs at frame
+  index[i]. Beyond the outermost poses motion goes on straight.
 - *λσ*, ``smoothing``: 0 keeps every pose it is given. Only the product matters. Above 0, waves of
   frequency √(2/λσ)/2π a source frame lose half their height, so lowering the rate to a share r
   of the old one without folding fast jitter into slow wants λσ = 2/(π r)².
@@ -47,6 +48,8 @@ Method: TypeAlias = Literal["lgs", "slerp", "cubic"]
 Signs: TypeAlias = Literal["nearest", "input", "min_energy"]
 
 _NEARLY = 0.05  # frames that may be missing at the end
+_MOST = 0.5  # of them, where the frame time was rounded
+_LOOSEST = 0.01  # share of a frame time that rounding it may have changed
 
 
 class Reading(NamedTuple):
@@ -96,8 +99,10 @@ def resample(
         )
     frames = motion.num_frames
     if fps is not None and num_frames is None:
-        step = 1.0 / (_concrete("fps", fps) * _concrete("motion.frame_time", motion.frame_time))
-        num_frames = frames_within((frames - 1) / step)
+        seconds = _concrete("motion.frame_time", motion.frame_time)
+        step = 1.0 / (_concrete("fps", fps) * seconds)
+        lost = _rounded_off(np.asarray(motion.frame_time)) / seconds
+        num_frames = frames_within((frames - 1) / step, lost * (frames - 1) / step)
         frame_time = 1.0 / _concrete("fps", fps)
     elif num_frames is not None and fps is None:
         step = (frames - 1) / max(num_frames - 1, 1)
@@ -111,9 +116,24 @@ def resample(
     return read_motion(motion, reading, frame_time, method=method, smoothing=smoothing, signs=signs)
 
 
-def frames_within(duration: float) -> int:
-    """How many frames a clip of ``duration`` frame times has, both ends counted."""
-    return int(np.floor(duration + _NEARLY)) + 1
+def frames_within(duration: float, lost: float = 0.0) -> int:
+    """How many frames a clip of ``duration`` frame times has, both ends counted, where ``lost`` of
+    them may be due to rounding."""
+    return int(np.floor(duration + min(_NEARLY + lost, _MOST))) + 1
+
+
+def _rounded_off(frame_time: np.ndarray) -> float:
+    """Seconds missing from a frame time that is a rounding of 1/n or 1.001/n, n whole; 0 if it is
+    none, or of so few digits that it would be one of something."""
+    seconds = float(frame_time)
+    decimals = len(np.format_float_positional(frame_time.dtype.type(frame_time)).partition(".")[2])
+    if 0.5 * 10.0**-decimals > _LOOSEST * seconds:
+        return 0.0
+    for unit in (1.0, 1.001):
+        whole = unit / max(round(unit / seconds), 1)
+        if frame_time.dtype.type(round(whole, decimals)) == frame_time:
+            return max(whole - seconds, 0.0)
+    return 0.0
 
 
 def even_reading(at: Float[AnyArray, " reading"], frames: int, dtype) -> Reading:

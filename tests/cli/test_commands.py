@@ -128,6 +128,25 @@ def test_convert_between_all_formats(jaxmotion, take, tmp_path):
     assert "which format" in jaxmotion("convert", take, "-o", tmp_path / "dir", code=2).stderr
 
 
+def test_convert_leaves_out_positions_of_still_joints(jaxmotion, tmp_path):
+    motion = swinging(frames=3)
+    six = [jm.skeleton.DEFAULT_ROOT_CHANNELS] * 4
+    places = np.array(motion.translations)
+    places[:, 1] += 1
+    skeleton = jm.Skeleton(
+        motion.skeleton.names, motion.skeleton.parents, motion.skeleton.offsets, channels=six
+    )
+    jm.save(jm.Motion(skeleton, places, motion.rotations, 1 / 30), tmp_path / "a.bvh")
+    words = ("convert", tmp_path / "a.bvh", "--no-still-positions", "-o")
+    jaxmotion(*words, tmp_path / "b.bvh")
+    kept, lean = jm.load(tmp_path / "a.bvh"), jm.load(tmp_path / "b.bvh")
+    assert [len(names) for names in kept.skeleton.channels] == [6, 6, 6, 6]
+    assert [len(names) for names in lean.skeleton.channels] == [6, 3, 3, 3]
+    np.testing.assert_array_equal(lean.skeleton.offsets[1], [3, 6, 1])
+    np.testing.assert_array_equal(lean.translations, kept.translations)
+    assert "goes with outputs in BVH" in jaxmotion(*words, tmp_path / "b.npz", code=2).stderr
+
+
 def test_info(jaxmotion, take, tmp_path):
     text = jaxmotion("info", take, "--tree").stdout
     for piece in ("40 at 30 a second", "4, and 1 end sites", "LeftHand", "end site", "Hips"):

@@ -49,6 +49,12 @@ def test_restore(jaxmotion, file, tmp_path, skating, way):
     assert foot_skate(jm.load(out), found) < 0.4 * foot_skate(skating, found)
 
 
+def test_restoring_what_has_no_feet_says_so(jaxmotion, take, tmp_path):
+    result = jaxmotion("contacts", take, "-o", tmp_path / "a.bvh", "--restore", "legs", code=1)
+    assert "no feet found; --joint names others" in result.stderr
+    assert not (tmp_path / "a.bvh").exists()
+
+
 def test_style_keeps_contacts(jaxmotion, file, tmp_path, skating):
     plain, kept = tmp_path / "plain.npz", tmp_path / "kept.npz"
     words = ("style", file, "--alpha", "2", "-o")

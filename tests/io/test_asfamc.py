@@ -439,6 +439,9 @@ def test_amc_to_bvh_keeps_the_world(data_dir, tmp_path):
     assert back.skeleton.names == source.skeleton.names
     for a, b in zip(world_by_matrices(source), world_by_matrices(back), strict=True):
         np.testing.assert_allclose(b, a, atol=1e-9)
+    assert source.skeleton.channels[source.skeleton.index("lhipjoint")] == ()
+    counts = [len(names) for names in back.skeleton.channels]
+    assert counts == [6] + [3] * (source.num_joints - 1)
 
 
 def test_names_that_acclaim_cannot_hold(tmp_path):
@@ -472,6 +475,13 @@ def test_which_skeleton_is_used(tmp_path):
         load_amc(path)
     with pytest.raises(FileNotFoundError):
         load_amc(tmp_path / "absent.amc")
+
+
+def test_an_end_of_file_mark_is_no_text(tmp_path):
+    plain = load_amc(write(tmp_path))
+    marked = load_amc(write(tmp_path, AMC + "\x1a", ASF + "\x1a\r\n"))
+    np.testing.assert_array_equal(marked.rotations, plain.rotations)
+    assert marked.skeleton.names == plain.skeleton.names
 
 
 def test_a_last_frame_cut_off_is_dropped(tmp_path):
@@ -545,6 +555,8 @@ def test_what_cannot_be_written(tmp_path):
     out = tmp_path / "out.amc"
     with pytest.raises(ValueError, match="'slider' at frame 1"):
         save_amc(motion.with_transforms(rotations=motion.rotations.at[1, 3, 0].set(jnp.nan)), out)
+    with pytest.raises(ValueError, match=r"rotation of 'knee' at frame 0 is.*unit quaternions"):
+        save_amc(motion.with_transforms(rotations=motion.rotations.at[0, 2].mul(1.01)), out)
     batch = Motion(
         motion.skeleton, motion.translations[None], motion.rotations[None], motion.frame_time
     )

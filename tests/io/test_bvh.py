@@ -10,7 +10,13 @@ from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
 from jaxmotion.io import MotionFileError, MotionFileWarning, euler_blocks
-from tests.helpers import angle_between, assert_same_rotation, random_motion, random_quaternions
+from tests.helpers import (
+    angle_between,
+    assert_same_rotation,
+    random_motion,
+    random_quaternions,
+    world_by_matrices,
+)
 
 POSITIONS = ("Xposition", "Yposition", "Zposition")
 ORDERS = ["".join(o) for o in itertools.product("XYZ", repeat=3) if o[0] != o[1] and o[1] != o[2]]
@@ -157,6 +163,22 @@ def respelt(old, new):
         respelt("3.0 ", "3.0\n "),
         SIMPLE.replace("8.0\n", "8.0 ").replace("17.0\n", "17.0 "),
         SIMPLE + "\n\n  \n",
+        SIMPLE + "\x1a",
+        SIMPLE.rstrip("\n") + "\x1a",
+        SIMPLE.replace("\n", "\r\n") + "\x1a\0\0",
+        " ".join(SIMPLE.replace("Hips\n{", "Hips {").split("\n")),
+        respelt("HIERARCHY\n", "HIERARCHY "),
+        respelt("Hips\n{\nOFFSET 0 0 0\nCHANNELS", "Hips { OFFSET 0 0 0 CHANNELS"),
+        respelt("OFFSET 1 2 3", "OFFSET 1\n\n2 3"),
+        respelt("CHANNELS 6 Xposition Yposition ", "CHANNELS\n6 Xposition\n  Yposition\n"),
+        respelt("JOINT Left Arm\n{", "joint\n\tLeft Arm{"),
+        respelt("End Site\n{\nOFFSET 0 1 0\n}", "End\nSite{OFFSET 0 1 0}"),
+        respelt("}\n}\nMOTION\nFrames: 3\nFrame", "}}MOTION Frames: 3 Frame"),
+        respelt("MOTION\n", "motion\t"),
+        respelt("Frames: 3\n", "Frames:\n3\n"),
+        respelt("Frame Time: 0", "FrameTime:0"),
+        respelt("Frame Time: 0", "Frame\nTime:\n\n0"),
+        respelt("Frame Time: 0.0333333\n", "Frame Time: 0.0333333 "),
     ],
 )
 def test_spelling_does_not_matter(load, content):
@@ -164,6 +186,10 @@ def test_spelling_does_not_matter(load, content):
     np.testing.assert_array_equal(motion.translations, plain.translations)
     np.testing.assert_array_equal(motion.rotations, plain.rotations)
     assert motion.skeleton.names == plain.skeleton.names == ("Hips", "Left Arm")
+    spelt = [[c.lower() for names in m.skeleton.channels for c in names] for m in (motion, plain)]
+    assert spelt[0] == spelt[1]
+    assert motion.skeleton.end_labels[0].lower() == "end site"
+    np.testing.assert_array_equal(motion.skeleton.offsets, plain.skeleton.offsets)
     assert motion.frame_time == plain.frame_time
 
 
@@ -200,6 +226,9 @@ def test_options(load):
         (respelt(" 26.0\n", " -"), 2, r"last row is cut off \(8 of 9"),
         (respelt(" 26.0\n", " 2.6e"), 2, r"last row is cut off \(8 of 9"),
         (respelt("Left Arm", "Hips"), 3, "repeat a name.*Hips"),
+        (SIMPLE + "END\n", 3, "'END' after the last frame is no number and was left out$"),
+        (SIMPLE + "-- end of take 7\n", 3, "'--' after the last frame.* left out$"),
+        (SIMPLE + "1 2 x", 3, "'x' after the last frame"),
     ],
 )
 def test_repairs_are_made_and_said(load, content, frames, message):
@@ -233,6 +262,19 @@ def test_repeated_names_are_numbered(load):
         (respelt("12.0 ", "1\x002 "), 20, 1, "10 numbers"),
         (respelt("12.0 ", ""), 20, 1, "8 numbers; expected 9"),
         (respelt("12.0 ", "12.0 1 "), 20, 1, "10 numbers; expected 9"),
+        (respelt("11.0 12.0", "11.0-12.0"), 20, 1, "'11.0-12.0' among 8 n.*9.*blank between.*join"),
+        (respelt("12.0 ", "12.0 deg "), 20, 1, "'deg' among 10 numbers; expected 9.*no number"),
+        (respelt("18.0 ", "REST\n18.0 "), 21, 2, "'REST' among 1 number;"),
+        (respelt("10.0 ", "10.0, "), 20, 1, "'10.0,' for 'Hips Yposition'.*blanks between"),
+        (respelt("0.0333333", "0.0333333 seconds"), 18, None, "'seconds' after.*'0.0333333'"),
+        (respelt("0.0333333", "33.3333 ms"), 18, None, "'ms' after.*in seconds"),
+        (respelt("0.0333333", "0.0333333s"), 18, None, "Frame Time: '0.0333333s'"),
+        (respelt("Frames: 3", "Frames: 3,000"), 17, None, "'3,000'.*digits alone"),
+        (respelt("Frames: 3", "Frames:"), 17, None, "Frames: ''"),
+        (respelt("OFFSET 1 2 3", "OFFSET 1, 2, 3"), 8, None, "blanks between"),
+        (respelt("CHANNELS 3 X", "CHANNELS 4 X"), 9, None, "3 names; expected a count"),
+        (respelt("CHANNELS 6 Xposition", "CHANNELS 6"), 5, None, "5 names; expected a count"),
+        (respelt("CHANNELS 3 X", "CHANNELS 1 X"), 9, None, "3 names; expected a count"),
         (respelt("12.0 ", "").replace("20.0", "20.0 1"), 20, 1, "8 numbers; expected 9"),
         (respelt("0.0333333", "0,033"), 18, None, "'0,033'.*decimal points.*frame_time"),
         (respelt("0.0333333", "0"), 18, None, "Frame Time: '0'; expected a positive"),
@@ -432,6 +474,76 @@ def test_channels_grow_only_where_something_would_be_lost(load, again):
     assert back.skeleton.channels[3] == POSITIONS
     np.testing.assert_array_equal(back.translations, moved)
     assert_same_rotation(motion.rotations, back.rotations, 1e-12)
+
+
+def test_positions_of_joints_that_never_move_may_be_left_out(load, tmp_path, dtype):
+    joints = [
+        ("root", (5, 6, 7), POSITIONS + rotation_channels("ZXY")),
+        ("still", (1, 2, 3), POSITIONS + rotation_channels("YXZ")),
+        ("slider", (0, 3, 0), ("Xposition", *rotation_channels("ZXY"))),
+        ("bolt", (0, 4, 0), POSITIONS),
+        ("leaf", (0, 1, 0), rotation_channels("XYZ")),
+    ]
+    rows = np.random.default_rng(0).uniform(-50, 50, (4, 22))
+    rows[:, 6:9] = 1.25, 2, 3.5
+    rows[:, 16:19] = 9, 8, 7
+    motion = load(bvh_text(joints, rows), dtype=dtype)
+    path = tmp_path / "a.bvh"
+    with pytest.warns(MotionFileWarning, match="joints that move, 1 in all: slider$") as said:
+        jm.save(motion, path, still_positions=False)
+    assert len(said) == 1
+    back = jm.load(path, dtype=dtype)
+    assert back.skeleton.channels == (
+        POSITIONS + rotation_channels("ZXY"),
+        rotation_channels("YXZ"),
+        ("Xposition", *rotation_channels("ZXY")),
+        rotation_channels("ZXY"),
+        rotation_channels("XYZ"),
+    )
+    wanted = [(5, 6, 7), (1.25, 2, 3.5), (0, 3, 0), (9, 8, 7), (0, 1, 0)]
+    np.testing.assert_array_equal(back.skeleton.offsets, np.asarray(wanted, dtype))
+    np.testing.assert_array_equal(back.translations, motion.translations)
+    atol = 1e-4 if dtype == np.float32 else 1e-11
+    for a, b in zip(world_by_matrices(motion), world_by_matrices(back), strict=True):
+        np.testing.assert_allclose(b, a, atol=atol)
+    jm.save(motion, path)
+    assert jm.load(path).skeleton.channels == motion.skeleton.channels
+
+
+def test_left_out_positions_of_real_files(data_dir, tmp_path):
+    for name in ("bandai/walk_normal_002.bvh", "xia/angry_13_000.bvh"):
+        motion = jm.load(data_dir / name)[:40]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MotionFileWarning)
+            jm.save(motion, tmp_path / "a.bvh", still_positions=False)
+        back = jm.load(tmp_path / "a.bvh")
+        positions = [sum("position" in c for c in names) for names in back.skeleton.channels]
+        still = [j for j in range(1, back.num_joints) if j not in motion.translated_joints]
+        assert still
+        assert all(positions[j] == 0 for j in still)
+        for a, b in zip(world_by_matrices(motion), world_by_matrices(back), strict=True):
+            np.testing.assert_allclose(b, a, atol=1e-10)
+
+
+def test_joints_of_an_acclaim_skeleton_that_do_not_turn_get_channels(again):
+    """Others refuse CHANNELS 0; a BVH that has them keeps them."""
+    rng = np.random.default_rng(6)
+    for channels, wanted in (
+        ([("TX", "RX"), (), ("rx",)], [POSITIONS + rotation_channels("ZXY")]),
+        ([("Xposition", "Yrotation", "Xrotation", "Zrotation"), (), ("Yrotation",)], None),
+    ):
+        skeleton = jm.Skeleton(
+            ["root", "hip", "knee"], [-1, 0, 1], rng.normal(size=(3, 3)), channels=channels
+        )
+        motion = random_motion(rng, 3, skeleton, translated=False)
+        turns, places = np.array(motion.rotations), np.array(motion.translations)
+        turns[:, 1:] = 1, 0, 0, 0
+        places[:, 0, 1:] = skeleton.offsets[0, 1:]
+        back = again(motion.with_transforms(places, turns))
+        if wanted is None:
+            assert back.skeleton.channels == skeleton.channels
+        else:
+            assert back.skeleton.channels == (*wanted, *[rotation_channels("ZXY")] * 2)
 
 
 def test_a_skeleton_with_no_channels_at_all(again):

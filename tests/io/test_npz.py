@@ -71,7 +71,7 @@ def test_no_field_is_forgotten(tmp_path):
     saved = {
         Motion: "skeleton translations rotations frame_time translated_joints frame_time_text",
         Skeleton: "names parents offsets end_offsets end_joints end_labels channels asf up "
-        "length_unit",
+        "length_unit encoding",
         AsfBone: "axis axis_order direction length limits",
     }
     for kind, names in saved.items():
@@ -121,6 +121,31 @@ def static_with(**changes):
     return change
 
 
+def with_bone(**changes):
+    def change(arrays):
+        bones = json.loads(str(arrays["static"]))["asf"]
+        bones[1].update(changes)
+        return static_with(asf=bones)(arrays)
+
+    return change
+
+
+def with_rotation(place, scale):
+    def change(arrays):
+        rotations = arrays["rotations"].copy()
+        rotations[place] *= scale
+        return {**arrays, "rotations": rotations}
+
+    return change
+
+
+def beyond_unicode(text):
+    """The text with a last character that is none."""
+    characters = text.reshape(1).view(np.uint32).copy()
+    characters[-1] = 0x110000
+    return characters.view(text.dtype).reshape(())
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -150,6 +175,18 @@ def static_with(**changes):
         (static_with(asf=[{}]), "axis"),
         (static_with(asf=[1, 2, 3]), "fit together"),
         (static_with(frame_time_text=3), "texts"),
+        (static_with(encoding=3), "texts"),
+        (static_with(length_unit=10**400), "fit together"),
+        (static_with(length_unit=float("nan")), "the number nan"),
+        (with_bone(length=10**400), "fit together"),
+        (with_bone(axis=[0, float("inf"), 0]), "the number inf"),
+        (with_bone(limits=[[0, float("nan")]]), "limits"),
+        (with_rotation((2, 1), 1.01), "rotation of 'mixamorig:Left Arm' at frame 2 is .*unit"),
+        (with_rotation((3, 0), 0.0), "rotation of 'Hüfte' at frame 3 is .*unit"),
+        (lambda a: {**a, "static": beyond_unicode(a["static"])}, "'static' .characters beyond"),
+        (lambda a: {**a, "jaxmotion_motion": beyond_unicode(np.array("11"))}, "beyond Unicode"),
+        (lambda a: {**a, "frame_time": -np.ones((30, 40))}, "frame time"),
+        (static_with(up="\n\x1b"), "up="),
     ],
 )
 def test_wrong_files_say_what_is_wrong(tmp_path, change, message):
@@ -159,6 +196,31 @@ def test_wrong_files_say_what_is_wrong(tmp_path, change, message):
     with pytest.raises(MotionFileError, match=message) as caught:
         load_npz(path)
     assert caught.value.path == str(path)
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 1000
+
+
+def test_a_batch_says_which_clip_is_wrong(tmp_path):
+    motion = full_motion(batch=(2, 2))
+    rotations = np.array(motion.rotations)
+    rotations[1, 0, 3, 2] *= 2
+    bad = motion.with_transforms(rotations=rotations)
+    with pytest.raises(ValueError, match="broken' at frame 3 of clip 1, 0 is"):
+        save_npz(bad, tmp_path / "a.npz")
+    save_npz(motion, tmp_path / "a.npz")
+    np.savez(tmp_path / "a.npz", **{**arrays_of(tmp_path / "a.npz"), "rotations": rotations})
+    with pytest.raises(MotionFileError, match="broken' at frame 3 of clip 1, 0 is"):
+        load_npz(tmp_path / "a.npz")
+
+
+def test_files_from_before_the_encoding_was_kept(tmp_path):
+    path = tmp_path / "a.npz"
+    save_npz(full_motion(), path)
+    arrays = arrays_of(path)
+    static = json.loads(str(arrays["static"]))
+    assert static.pop("encoding") == "utf-8"
+    np.savez(path, **{**arrays, "static": np.array(json.dumps(static))})
+    assert_identical(load_npz(path), full_motion())
 
 
 class Mine:

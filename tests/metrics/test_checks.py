@@ -61,6 +61,24 @@ def test_unusual_rates(fps):
     assert ("rate", None, None, None) in found(odd)
 
 
+@pytest.mark.parametrize(
+    ("frame_time", "words"),
+    [
+        (100.0, "frame time is 100 seconds; is it a rate, 100 frames a second? (--fps"),
+        (29.97, "frame time is 29.97 seconds; is it a rate, 29.97 frames a second?"),
+        (33.3333, "frame time is 33.3333 seconds; is it milliseconds, 30 frames a second?"),
+        (8.33, "frame time is 8.33 seconds; is it milliseconds, 120.05 frames a second?"),
+        (1.0, "1 frames a second is unusual (--fps"),
+        (1 / 27, "27 frames a second is unusual; is it 25? (--fps"),
+    ],
+)
+def test_the_likely_rate_is_what_the_number_in_the_file_says(frame_time, words):
+    motion = swinging()
+    odd = jm.Motion(motion.skeleton, motion.translations, motion.rotations, frame_time)
+    [message] = [p.message for p in find_problems(odd) if p.kind == "rate"]
+    assert words in message
+
+
 def test_duplicates_and_still_clips():
     index = np.r_[0:10, 9, 9, 9, 10:30, 29, 30:50]
     motion = swinging()

@@ -151,10 +151,38 @@ def test_how_many_frames():
     assert resample(motion, fps=23.5).num_frames == 24  # 1/47 s left over
     rounded = jm.Motion(motion.skeleton, motion.translations, motion.rotations, 0.0333333)
     assert resample(rounded, fps=60).num_frames == 61
+    assert resample(motion, fps=29.7).num_frames == 30  # 0.3 of a frame missing, for no reason
     long = resample(motion, num_frames=100)
     assert float(long.times[-1]) == pytest.approx(1.0)
     assert_same_rotation(long.rotations[::99], motion.rotations[::30])
     assert resample(motion, num_frames=1).num_frames == 1
+
+
+@pytest.mark.parametrize(
+    ("frame_time", "frames", "fps", "wanted"),
+    [
+        (0.033333, 7840, 30, 7840),  # 1/30: the text makes the clip 0.08 of a frame short
+        (0.033333, 7840, 60, 15679),
+        (0.0333, 101, 30, 101),
+        (0.008333, 5000, 120, 5000),
+        (0.041708, 7000, 24000 / 1001, 7000),
+        (0.033333, 80_000, 30, 79_999),  # 0.8 of a frame: the last pose is nearer to the next
+        (0.01, 103, 30, 31),  # exact, 30.6 frames
+        (0.03, 103, 30, 92),  # of so few digits that it may be anything
+        (0.0417, 101, 24, 101),  # longer than 1/24
+        (1 / 30, 7840, 30, 7840),
+    ],
+)
+def test_a_rounded_frame_time_does_not_cost_the_last_pose(frame_time, frames, fps, wanted, dtype):
+    skeleton = jm.Skeleton(["root"], [-1], np.zeros((1, 3), dtype))
+    steps = np.arange(frames, dtype=dtype)[:, None, None] * np.ones(3, dtype)
+    turns = np.tile(np.asarray([1, 0, 0, 0], dtype), (frames, 1, 1))
+    motion = jm.Motion(skeleton, steps, turns, np.asarray(frame_time, dtype))
+    result = resample(motion, fps=fps, method="slerp")
+    assert result.num_frames == wanted
+    last = (wanted - 1) / (fps * frame_time)
+    assert abs(last - (frames - 1)) <= 1 / (fps * frame_time)
+    np.testing.assert_allclose(result.root_positions[-1], last, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("keys", "frames", "fps"), [(8, 40, 80), (34, 680, 400)])
