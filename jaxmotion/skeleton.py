@@ -6,7 +6,9 @@ Topology, names and file facts are static; offsets are arrays, so bone lengths c
 """
 
 import fnmatch
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import equinox as eqx
@@ -24,6 +26,32 @@ DEFAULT_ROOT_CHANNELS = (
     "Yrotation",
 )
 DEFAULT_CHANNELS = DEFAULT_ROOT_CHANNELS[3:]
+_FOOT = re.compile("ankle|foot|feet|paw|hoof")
+
+
+@dataclass(frozen=True, eq=False)
+class Conventions:
+    """What a clip's numbers mean, as far as its file or format tells; all static.
+
+    - ``up``, ``frame_time``, ``angle``: how the skeleton's up axis, the motion's frame time and the
+      file's unit of angles are known: "told" (by the file, its format or the caller), "guessed"
+      from the motion, or "assumed".
+    - ``metres``: the length of one unit, None where nothing tells.
+
+    Any two are equal: they are told to people and kept by files, and clips that differ in nothing
+    else go together. A compiled function may hand back those of the clip it was compiled for.
+    """
+
+    up: str = "told"
+    frame_time: str = "told"
+    angle: str = "told"
+    metres: float | int | None = None
+
+    def __eq__(self, other) -> bool:
+        return isinstance(other, Conventions)
+
+    def __hash__(self) -> int:
+        return hash(Conventions)
 
 
 class AsfBone(eqx.Module):
@@ -56,6 +84,7 @@ class Skeleton(eqx.Module):
     - ``asf``: per joint an :class:`AsfBone` if the skeleton came from an ASF file; static, else ().
     - ``up``: the axis that points up, "x", "y" or "z"; static.
     - ``length_unit``: what the file says of its unit of length (ASF's ``length``), else 1; static.
+    - ``conventions``: what is told and what assumed, a :class:`Conventions`; static.
 
     **Raises:** ``ValueError`` when the pieces do not fit together.
     """
@@ -70,6 +99,7 @@ class Skeleton(eqx.Module):
     asf: tuple[AsfBone, ...] = eqx.field(static=True)
     up: str = eqx.field(static=True)
     length_unit: float = eqx.field(static=True)
+    conventions: Conventions = eqx.field(static=True)
 
     def __init__(
         self,
@@ -84,6 +114,7 @@ class Skeleton(eqx.Module):
         asf: Sequence[AsfBone] = (),
         up: str = "y",
         length_unit: float = 1.0,
+        conventions: Conventions | None = None,
     ):
         self.names = tuple(names)
         self.parents = tuple(int(p) for p in parents)
@@ -95,6 +126,7 @@ class Skeleton(eqx.Module):
         self.asf = tuple(asf)
         self.up = up
         self.length_unit = float(length_unit)
+        self.conventions = Conventions() if conventions is None else conventions
         self._check()
 
     def _default_channels(self):
@@ -177,6 +209,18 @@ class Skeleton(eqx.Module):
                 f"no joint matches {pattern!r}; the joints are {', '.join(self.names)}"
             )
         return found
+
+
+def feet_by_name(skeleton: Skeleton) -> tuple[int, ...]:
+    """The topmost joint of each chain called ankle, foot, paw or hoof."""
+    named = [bool(_FOOT.search(name.lower())) for name in skeleton.names]
+    below = [False] * skeleton.num_joints  # a foot, or below one
+    for j, parent in enumerate(skeleton.parents):
+        below[j] = named[j] or (parent >= 0 and below[parent])
+    parents = skeleton.parents
+    return tuple(
+        j for j in range(skeleton.num_joints) if named[j] and not (j and below[parents[j]])
+    )
 
 
 # Remembered per tree, not in the Skeleton: equinox would count a cached attribute as part of the

@@ -17,7 +17,7 @@ PACKAGE = Path(jaxmotion.__file__).parent
 FLOORS = (
     ("_types", "_numerics", "_lazy"),
     ("quaternion", "linalg"),
-    ("skeleton", "motion", "kinematics", "displacement", "confine", "io", "samples"),
+    ("skeleton", "motion", "kinematics", "displacement", "confine", "axes", "io", "samples"),
     ("smoothing", "timing"),
     ("layers", "multiresolution", "style", "cleaning", "contacts", "spacetime"),
     ("metrics", "viz", "corpus"),
@@ -30,7 +30,8 @@ SIDEWAYS = {
     "kinematics": {"skeleton", "motion"},
     "displacement": {"skeleton", "motion"},
     "confine": {"skeleton", "motion", "displacement"},
-    "io": {"skeleton", "motion"},
+    "axes": {"skeleton", "motion"},
+    "io": {"skeleton", "motion", "axes"},
     "samples": {"skeleton", "motion", "kinematics"},
     "layers": {"contacts", "spacetime"},
     "multiresolution": {"contacts", "spacetime"},

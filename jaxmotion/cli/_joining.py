@@ -1,13 +1,14 @@
 """Several clips into one file: what ``align``, ``blend`` and ``stitch`` share."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from jaxmotion.cli._options import Running
+from jaxmotion.cli._options import Reading, Running, out_up_option
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -22,13 +23,16 @@ def join(
     combine: "Callable[[list[Motion]], tuple[Motion, str]]",
     sources: Sequence[Path],
     out: Path,
-    fps: float | None,
+    reading: Reading,
     *,
+    out_up: str | None,
     overwrite: bool,
     dry_run: bool,
     running: Running,
+    uses_up: bool,
 ) -> None:
-    """Read ``sources``, ``combine`` them, which also says what was done, and write ``out``."""
+    """Read ``sources``, ``combine`` them, which also says what was done, and write ``out``;
+    ``uses_up``: as :func:`~jaxmotion.cli._work.read`."""
     from jaxmotion.cli import _session
 
     name = click.format_filename(out)
@@ -37,10 +41,8 @@ def join(
         click.echo(name)
         return
     _session.start(cache=running.cache, little=_session.is_little(sources))
-    motion, summary = combine(read_clips(sources, fps))
-    from jaxmotion.cli._work import finite, write
-
-    write(finite(motion), out, overwrite=overwrite)
+    motion, summary = combine(read_clips(sources, reading, uses_up=uses_up))
+    write_clip(motion, out, overwrite=overwrite, up=out_up)
     click.echo(f"{name}: {summary}", err=True)
 
 
@@ -61,23 +63,41 @@ def check_targets(targets: Sequence[Path], sources: Sequence[Path], *, overwrite
             raise click.ClickException(f"{name} exists; add --overwrite")
 
 
-def read_clips(sources: Sequence[Path], fps: float | None) -> "list[Motion]":
+def read_clips(
+    sources: Sequence[Path], reading: Reading, *, uses_up: bool = False
+) -> "list[Motion]":
     """The clips; what had to be repaired is told on stderr."""
-    from jaxmotion.cli._work import read, told
+    from jaxmotion.cli._work import read
+
+    with _telling():
+        return [read(source, reading, uses_up=uses_up) for source in sources]
+
+
+def write_clip(motion: "Motion", out: Path, *, overwrite: bool, up: str | None) -> None:
+    """Write a motion, if it is finite; what had to be changed for the file is told on stderr."""
+    from jaxmotion.cli._work import finite, write
+
+    with _telling():
+        write(finite(motion), out, overwrite=overwrite, up=up)
+
+
+@contextmanager
+def _telling() -> Iterator[None]:
+    from jaxmotion.cli._work import told
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        clips = [read(source, fps) for source in sources]
+        yield
     for text in told(caught):
         click.echo(f"warning: {text}", err=True)
-    return clips
 
 
 def file_options(function: Callable) -> Callable:
-    """``-o --overwrite --dry-run``."""
+    """``-o --out-up --overwrite --dry-run``."""
     for option in (
         click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop."),
         click.option("--overwrite", is_flag=True, help="Replace an output that exists."),
+        out_up_option,
         click.option("-o", "--out", type=a_file(), required=True, help="The file to write."),
     ):
         function = option(function)

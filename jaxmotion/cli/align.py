@@ -8,8 +8,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jaxmotion import __version__
-from jaxmotion.cli._joining import check_targets, read_clips
-from jaxmotion.cli._options import Running, fps_option, running_options
+from jaxmotion.cli._joining import check_targets, read_clips, write_clip
+from jaxmotion.cli._options import (
+    Reading,
+    Running,
+    out_up_option,
+    reading_options,
+    running_options,
+)
 
 if TYPE_CHECKING:
     from jaxmotion.timing import Alignment
@@ -61,7 +67,8 @@ def _file(**options: Any) -> Any:
     callback=_plot_suffix,
     help="Draw the pairs of frames into this .png, .svg or .pdf file.",
 )
-@fps_option
+@reading_options
+@out_up_option
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop.")
 @running_options
@@ -74,7 +81,8 @@ def command(
     settle: float,
     path: Path | None,
     plot: Path | None,
-    fps: float | None,
+    reading: Reading,
+    out_up: str | None,
     overwrite: bool,
     dry_run: bool,
     running: Running,
@@ -100,8 +108,8 @@ def command(
     if plot is not None:
         _require_matplotlib()
     _session.start(cache=running.cache, little=_session.is_little([source, reference]))
-    found = _align(source, reference, fps, method=method, step_pattern=steps, settle=settle)
-    _write_motion(found, out, overwrite=overwrite)
+    found = _align(source, reference, reading, method=method, step_pattern=steps, settle=settle)
+    write_clip(found.motion, out, overwrite=overwrite, up=out_up)
     if path is not None:
         _write_path(found, path, source, reference, method, overwrite=overwrite)
     if plot is not None:
@@ -116,20 +124,14 @@ def _require_matplotlib() -> None:
         raise click.ClickException("--plot needs Matplotlib: pip install 'jaxmotion[viz]'")
 
 
-def _align(source: Path, reference: Path, fps: float | None, **options: Any) -> "Alignment":
+def _align(source: Path, reference: Path, reading: Reading, **options: Any) -> "Alignment":
     """Read both clips, tell of repairs, and align them."""
     from jaxmotion.cli._work import finite
     from jaxmotion.timing import align
 
-    found = align(*read_clips([source, reference], fps), **options)
+    found = align(*read_clips([source, reference], reading), **options)
     finite(found.motion)
     return found
-
-
-def _write_motion(found: "Alignment", out: Path, *, overwrite: bool) -> None:
-    from jaxmotion.cli._work import write
-
-    write(found.motion, out, overwrite=overwrite)
 
 
 def _write_path(

@@ -78,7 +78,8 @@ def command(
     from jaxmotion.cli._batch import edit_files
 
     everything = Selection(strength=1.0, joints=(), frames=(None, None), fade=0)
-    edit_files(partial(edit, finding=finding, way=restore), batch, running, everything)
+    changes = partial(edit, finding=finding, way=restore)
+    edit_files(changes, batch, running, everything, uses_up=True)
 
 
 def find(
@@ -109,14 +110,17 @@ def _list(batch: Batch, running: Running, finding: Any, as_json: bool) -> None:
 
     found = []
     failed = False
-    for item in each(batch.files, batch.fps, running):
+    for item in each(batch.files, batch.reading, running, uses_up=True):
         failed |= item.motion is None
         if item.motion is None:
             continue
-        entry = {"file": str(item.path), **_facts(item.motion, finding)}
+        facts = _facts(item.motion, finding)
+        entry = {"file": str(item.path), **facts, "warnings": item.warnings}
         found.append(entry)
         if not as_json:
             click.echo(_as_text(item.path, entry))
+            for text in item.warnings:
+                click.echo(f"  warning: {text}", err=True)
     if as_json:
         click.echo(json.dumps(found, indent=1, ensure_ascii=False))
     raise click.exceptions.Exit(1 if failed else 0)

@@ -18,6 +18,7 @@ def command(batch: Batch, running: Running, to: str | None) -> None:
     \b
     jaxmotion convert take.bvh -o take.amc            (writes take.asf too)
     jaxmotion convert cmu -o bvh --to bvh --fps 120   (a folder)
+    jaxmotion convert blender.bvh -o take.bvh --up z  (stands along z; turned to y up)
     """
     from jaxmotion.cli import _files
     from jaxmotion.cli._batch import run
@@ -26,10 +27,10 @@ def command(batch: Batch, running: Running, to: str | None) -> None:
     if to is None and (batch.out.suffix.lower() not in _files.SUFFIXES or batch.out.is_dir()):
         raise click.UsageError("which format? --to bvh, amc or npz")
     jobs = _files.plan(inputs, batch.out, to=to)
-    run(partial(_convert, batch.fps, batch.overwrite), jobs, batch, running)
+    run(partial(_convert, batch), jobs, batch, running)
 
 
-def _convert(fps: float | None, overwrite: bool, job: Job) -> None:
+def _convert(batch: Batch, job: Job) -> None:
     from jaxmotion.cli._work import read, write
 
-    write(read(job.source, fps), job.target, overwrite=overwrite)
+    write(read(job.source, batch.reading), job.target, overwrite=batch.overwrite, up=batch.out_up)

@@ -27,6 +27,7 @@ import warnings
 from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -36,12 +37,14 @@ from jaxmotion.io.asf import read_asf
 from jaxmotion.io.asf_dofs import dofs_from_transforms, places, transforms_from_dofs
 from jaxmotion.io.asf_write import asf_bones, asf_names, asf_text
 from jaxmotion.io.atomic import atomic_write
+from jaxmotion.io.conventions import Up, UpOut, seconds_of, turned_for, with_up
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning
 from jaxmotion.io.precision import float_type
 from jaxmotion.motion import Motion
-from jaxmotion.skeleton import AsfBone, Skeleton
+from jaxmotion.skeleton import AsfBone, Conventions, Skeleton
 
 _DECIMALS = 12
+_ASSUMED_FPS = 120.0
 
 
 def load_amc(
@@ -49,31 +52,39 @@ def load_amc(
     *,
     asf: str | PathLike | None = None,
     fps: float | int | None = None,
+    up: Up | None = None,
+    angle: Literal["deg", "rad"] | None = None,
     dtype=None,
 ) -> Motion:
     """Read an AMC motion and its ASF skeleton.
 
     **Arguments:** ``asf``: the skeleton's file; by default the one beside ``path`` with its stem,
     or with the stem up to an underscore (``02_05.amc`` → ``02.asf``), or the folder's only one;
-    ``fps``: frames a second, by default what the file says, else 120; ``dtype``: float32 or
-    float64, by default JAX's.
+    ``fps``: frames a second, by default what the file says, else 120; ``up``: the axis that points
+    up, which no file says, or "auto" for a guess; y is assumed; ``angle``: "deg" or "rad", by
+    default what the AMC says, else the ASF, else degrees; ``dtype``: float32 or float64, by default
+    JAX's.
     **Returns:** a :class:`~jaxmotion.Motion`; ``skeleton.asf`` and ``skeleton.channels`` hold the
     bones' axes, limits and dofs.
     **Raises:** :class:`MotionFileError` for a file that cannot be understood, or no ASF;
-    ``OSError`` for one that cannot be opened; ``ValueError`` for an impossible ``fps``.
+    ``OSError`` for one that cannot be opened; ``ValueError`` for an impossible ``fps``, ``up`` or
+    ``angle``.
     """
-    if fps is not None and not 0 < fps < np.inf:
-        raise ValueError(f"load_amc: fps={fps!r}; expected a positive number")
+    asked = seconds_of(fps, "load_amc")
+    if angle not in (None, "deg", "rad"):
+        raise ValueError(f"load_amc: angle={angle!r}; expected 'deg' or 'rad'")
     path = Path(path)
     dtype = float_type(dtype)
-    skeleton, asf_unit = read_asf(Path(asf) if asf is not None else _asf_beside(path))
+    skeleton, asf_unit = read_asf(Path(asf) if asf is not None else _asf_beside(path), angle)
     widths = {n: len(d) for n, d in zip(skeleton.names, skeleton.channels, strict=True)}
     table = read_amc(path, widths)
     columns = table.columns
-    if (table.unit or asf_unit) == "deg":
+    unit = angle or table.unit or asf_unit
+    if unit != "rad":
         dofs = dict(zip(skeleton.names, skeleton.channels, strict=True))
         columns = {n: _in_radians(v, dofs[n]) for n, v in columns.items()}
-    seconds = np.array(1.0 / (fps or table.fps or 120.0))
+    seconds = np.array(asked or 1.0 / (table.fps or _ASSUMED_FPS))
+    rate = "told" if asked or table.fps else "assumed"
     with np.errstate(over="ignore", invalid="ignore"):
         transforms = transforms_from_dofs(skeleton, columns, table.num_frames)
         arrays = (skeleton.offsets, skeleton.end_offsets, *transforms, seconds)
@@ -85,7 +96,7 @@ def load_amc(
             expected=f"numbers that are finite in {dtype}",
         )
     offsets, end_offsets, translations, rotations, seconds = map(jnp.asarray, arrays)
-    return Motion(
+    motion = Motion(
         Skeleton(
             skeleton.names,
             skeleton.parents,
@@ -95,6 +106,7 @@ def load_amc(
             channels=skeleton.channels,
             asf=skeleton.asf,
             length_unit=skeleton.length_unit,
+            conventions=Conventions("assumed", rate, angle="told" if unit else "assumed"),
         ),
         translations,
         rotations,
@@ -103,6 +115,7 @@ def load_amc(
             j for j, dofs in enumerate(skeleton.channels) if any(dof[0] in "tT" for dof in dofs)
         ),
     )
+    return with_up(motion, up, path, "load_amc")
 
 
 def save_amc(
@@ -111,11 +124,14 @@ def save_amc(
     *,
     asf: str | PathLike | None = None,
     overwrite: bool = True,
+    up: UpOut = "y",
 ) -> None:
     """Write an AMC motion and its ASF skeleton, each whole or not at all.
 
     **Arguments:** ``motion``: one clip; ``asf``: where the skeleton goes, by default ``path`` with
-    the suffix .asf; ``overwrite``: whether files of those names may be replaced.
+    the suffix .asf; ``overwrite``: whether files of those names may be replaced; ``up``: the axis
+    that points up in the file, to which the motion is turned (:func:`jaxmotion.reorient`) with a
+    warning, or "keep".
     **Raises:** ``ValueError`` for several clips, no frames, NaN, or one name for both files;
     ``FileExistsError`` and other ``OSError`` from writing.
     """
@@ -126,6 +142,7 @@ def save_amc(
     _check(motion)
     if not overwrite and (existing := [p for p in (path, asf) if p.exists()]):
         raise FileExistsError(f"{existing[0]} exists; pass overwrite=True to replace it")
+    motion = turned_for(motion, up, path, "save_amc")
     skeleton = motion.skeleton
     bones = asf_bones(skeleton)
     dofs, values = dofs_from_transforms(

@@ -35,11 +35,12 @@ from jaxmotion.io import bvh_write
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.io.bvh_frames import Frames, find_rows, parse_header, parse_rows
 from jaxmotion.io.bvh_hierarchy import Hierarchy, parse_hierarchy, parse_number
+from jaxmotion.io.conventions import Up, UpOut, seconds_of, turned_for, with_up
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted
 from jaxmotion.io.euler_blocks import quaternions
 from jaxmotion.io.precision import float_type
 from jaxmotion.motion import Motion
-from jaxmotion.skeleton import Skeleton
+from jaxmotion.skeleton import Conventions, Skeleton
 
 _MOTION = re.compile(rb"^[ \t}]*(MOTION)[ \t\r]*$", re.IGNORECASE | re.MULTILINE)
 _OFFSET_ROUNDING = 1e-6
@@ -47,18 +48,26 @@ _MOST_POSES_A_BYTE = 100
 
 
 def load_bvh(
-    path: str | PathLike, *, dtype=None, frame_time: float | None = None, up: str = "y"
+    path: str | PathLike,
+    *,
+    dtype=None,
+    frame_time: float | None = None,
+    fps: float | int | None = None,
+    up: Up | None = None,
 ) -> Motion:
     """Read a BVH file; see the module for what is kept, accepted and repaired.
 
     **Arguments:** ``path``: the file; ``dtype``: of the arrays, as :func:`jaxmotion.load`;
-    ``frame_time``: seconds, to overrule the file's; ``up``: the axis that points up, which BVH
-    does not say.
+    ``frame_time``, in seconds, or ``fps``, frames a second: to overrule the file's; ``up``: the
+    axis that points up, which BVH does not say, or "auto" for a guess; y is assumed.
     **Returns:** a :class:`~jaxmotion.Motion`, lengths in the file's unit.
     **Raises:** :class:`~jaxmotion.io.MotionFileError` for a file that cannot be understood;
-    ``OSError`` for one that cannot be opened.
+    ``OSError`` for one that cannot be opened; ``ValueError`` for impossible arguments.
     """
     dtype = float_type(dtype)
+    if fps is not None and frame_time is not None:
+        raise ValueError(f"load_bvh: fps={fps} and frame_time={frame_time}; give one of them")
+    frame_time = frame_time if fps is None else seconds_of(fps, "load_bvh")
     data = _as_text(path, Path(path).read_bytes())
     word = _MOTION.search(data)
     top = data[: word.start(1)] if word else data
@@ -85,9 +94,9 @@ def load_bvh(
         end_offsets=jax.device_put(hierarchy.end_offsets.astype(dtype)),
         end_labels=hierarchy.end_labels,
         channels=hierarchy.channels,
-        up=up,
+        conventions=Conventions(up="assumed"),
     )
-    return Motion(
+    motion = Motion(
         skeleton,
         jax.device_put(translations),
         jax.device_put(rotations),
@@ -95,16 +104,21 @@ def load_bvh(
         translated_joints=moved,
         frame_time_text=text,
     )
+    return with_up(motion, up, path, "load_bvh")
 
 
-def save_bvh(motion: Motion, path: str | PathLike, *, overwrite: bool = True) -> None:
+def save_bvh(
+    motion: Motion, path: str | PathLike, *, overwrite: bool = True, up: UpOut = "y"
+) -> None:
     """Write a BVH file, whole or not at all; see the module for what is written how.
 
     **Arguments:** ``motion``: one clip of at least one frame, finite; ``path``: the file;
-    ``overwrite``: whether a file of that name may be replaced.
+    ``overwrite``: whether a file of that name may be replaced; ``up``: the axis that points up in
+    the file, to which the motion is turned (:func:`jaxmotion.reorient`) with a warning, or "keep".
     **Raises:** ``ValueError`` for a motion that BVH cannot hold (batched, no frames, not finite,
     names with braces or line ends); ``FileExistsError`` and other ``OSError`` from writing.
     """
+    motion = turned_for(motion, up, path, "save_bvh")
     plan = bvh_write.plan(motion)
     if plan.extended:
         warnings.warn(
