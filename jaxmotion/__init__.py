@@ -7,7 +7,7 @@ Conventions, the same in every room:
 - Rotation vectors are full-angle: ``exp(v)`` turns by ‖v‖ radians.
 - Axes are ``(time, joint, component)``; quaternion functions broadcast over leading axes.
 - Radians and seconds; lengths in the file's own unit, never rescaled silently; Y up unless the file
-  says otherwise.
+  says otherwise (BVH and ASF cannot: ``load(up=...)``, :func:`reorient`).
 - dtype in = dtype out, float32 or float64. Importing changes no global setting.
 - Wrong shapes and static values raise ``ValueError``; traced trouble raises at run time.
 - Discrete choices (signs, warp paths, neighbours, thresholds) pass no gradient.
@@ -39,6 +39,9 @@ _MODULES = (
 _HOMES = {
     "Skeleton": "skeleton",
     "Motion": "motion",
+    "UpGuess": "axes",
+    "guess_up": "axes",
+    "reorient": "axes",
     "facing_direction": "kinematics",
     "forward_kinematics": "kinematics",
     "velocities": "kinematics",
@@ -69,6 +72,7 @@ if TYPE_CHECKING:
         spacetime,
         timing,
     )
+    from jaxmotion.axes import UpGuess, guess_up, reorient
     from jaxmotion.io import load, save
     from jaxmotion.kinematics import facing_direction, forward_kinematics, velocities
     from jaxmotion.layers import (
@@ -88,12 +92,14 @@ __all__ = [
     "Motion",
     "MotionLayers",
     "Skeleton",
+    "UpGuess",
     "contacts",
     "decompose",
     "denoise",
     "displacement",
     "facing_direction",
     "forward_kinematics",
+    "guess_up",
     "io",
     "joint_weights",
     "layers",
@@ -102,6 +108,7 @@ __all__ = [
     "metrics",
     "multiresolution",
     "quaternion",
+    "reorient",
     "resample",
     "samples",
     "save",

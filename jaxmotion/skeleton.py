@@ -8,7 +8,9 @@ below to be a file fact is kept for the file's sake and tells no two skeletons a
 """
 
 import fnmatch
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import equinox as eqx
@@ -27,6 +29,23 @@ DEFAULT_ROOT_CHANNELS = (
     "Yrotation",
 )
 DEFAULT_CHANNELS = DEFAULT_ROOT_CHANNELS[3:]
+_FOOT = re.compile("ankle|foot|feet|paw|hoof")
+
+
+@dataclass(frozen=True)
+class Conventions:
+    """What a clip's numbers mean, as far as its file or format tells; all static.
+
+    - ``up``, ``frame_time``, ``angle``: how the skeleton's up axis, the motion's frame time and the
+      file's unit of angles are known: "told" (by the file, its format or the caller), "guessed"
+      from the motion, or "assumed".
+    - ``metres``: the length of one unit, None where nothing tells.
+    """
+
+    up: str = "told"
+    frame_time: str = "told"
+    angle: str = "told"
+    metres: float | int | None = None
 
 
 class AsfBone(eqx.Module):
@@ -61,6 +80,7 @@ class Skeleton(eqx.Module):
     - ``up``: the axis that points up, "x", "y" or "z"; static.
     - ``length_unit``: what the file says of its unit of length (ASF's ``length``), else 1; static.
     - ``encoding``: of the text the names were read from, and are written in again; a file fact.
+    - ``conventions``: what is told and what assumed, a :class:`Conventions`; a file fact.
 
     **Raises:** ``ValueError`` when the pieces do not fit together.
     """
@@ -76,6 +96,7 @@ class Skeleton(eqx.Module):
     channels: tuple[tuple[str, ...], ...] = file_fact()
     asf: tuple[AsfBone, ...] = file_fact()
     encoding: str = file_fact()
+    conventions: Conventions = file_fact()
 
     def __init__(
         self,
@@ -91,6 +112,7 @@ class Skeleton(eqx.Module):
         up: str = "y",
         length_unit: float = 1.0,
         encoding: str = "utf-8",
+        conventions: Conventions | None = None,
     ):
         self.names = tuple(names)
         self.parents = tuple(int(p) for p in parents)
@@ -103,6 +125,7 @@ class Skeleton(eqx.Module):
         self.up = up
         self.length_unit = float(length_unit)
         self.encoding = encoding
+        self.conventions = Conventions() if conventions is None else conventions
         self._check()
 
     def _default_channels(self):
@@ -185,6 +208,18 @@ class Skeleton(eqx.Module):
                 f"no joint matches {pattern!r}; the joints are {', '.join(self.names)}"
             )
         return found
+
+
+def feet_by_name(skeleton: Skeleton) -> tuple[int, ...]:
+    """The topmost joint of each chain called ankle, foot, paw or hoof."""
+    named = [bool(_FOOT.search(name.lower())) for name in skeleton.names]
+    below = [False] * skeleton.num_joints  # a foot, or below one
+    for j, parent in enumerate(skeleton.parents):
+        below[j] = named[j] or (parent >= 0 and below[parent])
+    parents = skeleton.parents
+    return tuple(
+        j for j in range(skeleton.num_joints) if named[j] and not (j and below[parents[j]])
+    )
 
 
 # Remembered per tree, not in the Skeleton: equinox would count a cached attribute as part of the

@@ -18,7 +18,7 @@ PACKAGE = Path(jaxmotion.__file__).parent
 FLOORS = (
     ("_types", "_numerics", "_lazy", "_plain", "_file_facts"),
     ("quaternion", "linalg"),
-    ("skeleton", "motion", "kinematics", "displacement", "confine", "io", "samples"),
+    ("skeleton", "motion", "kinematics", "displacement", "confine", "axes", "io", "samples"),
     ("smoothing", "timing"),
     ("layers", "multiresolution", "style", "cleaning", "contacts", "spacetime"),
     ("metrics", "viz", "corpus"),
@@ -31,7 +31,8 @@ SIDEWAYS = {
     "kinematics": {"skeleton", "motion"},
     "displacement": {"skeleton", "motion"},
     "confine": {"skeleton", "motion", "displacement"},
-    "io": {"skeleton", "motion"},
+    "axes": {"skeleton", "motion"},
+    "io": {"skeleton", "motion", "axes"},
     "samples": {"skeleton", "motion", "kinematics"},
     "layers": {"contacts", "spacetime"},
     "multiresolution": {"contacts", "spacetime"},

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jaxmotion import Skeleton
-from jaxmotion.skeleton import AsfBone
+from jaxmotion.skeleton import AsfBone, Conventions, feet_by_name
 from tests.helpers import random_skeleton
 
 NAMES = ("Hips", "Spine", "LeftArm", "RightArm", "LeftHand")
@@ -110,3 +110,21 @@ def test_bone_lengths_can_be_optimised():
 def test_skeletons_cannot_be_changed_in_place():
     with pytest.raises(AttributeError):
         _skeleton().up = "z"
+
+
+def test_conventions_tell_people_and_part_nothing():
+    """Clips that differ in what is assumed go together in one tree."""
+    told, assumed = _skeleton(), _skeleton(conventions=Conventions(up="assumed", metres=0.01))
+    assert jax.tree.structure(told) == jax.tree.structure(assumed)
+    assert eqx.tree_equal(told, assumed)
+    assert assumed.conventions.metres == 0.01
+    assert hash(told.conventions) == hash(assumed.conventions)
+    assert told.conventions != "told"
+
+
+def test_feet_by_name_are_the_topmost_joint_of_each():
+    names = ["Hips", "LeftFoot", "LeftFootToe", "leg", "Right_ANKLE", "hoof.end", "paw"]
+    skeleton = Skeleton(names, [-1, 0, 1, 0, 3, 4, 2], np.zeros((7, 3)))
+    assert feet_by_name(skeleton) == (1, 4)
+    assert feet_by_name(Skeleton(["foot"], [-1], np.zeros((1, 3)))) == (0,)
+    assert feet_by_name(Skeleton(["a"], [-1], np.zeros((1, 3)))) == ()

@@ -33,15 +33,25 @@ def edit_files(
     selection: Selection,
     *,
     to: str | None = None,
+    uses_up: bool = False,
 ) -> None:
     """Send every input through ``edit`` and leave with an exit code.
 
     **Arguments:** ``edit``: (motion, number of frames that count) to a motion of the same shape;
-    a function that can be pickled; ``to``: suffix of the outputs, by default the inputs' own.
+    a function that can be pickled; ``to``: suffix of the outputs, by default the inputs' own;
+    ``uses_up``: whether it goes by the up axis.
     """
     inputs = _files.expand(batch.files, avoid=batch.out)
     jobs = _files.plan(inputs, batch.out, to=to)
-    editing = Editing(edit, selection, batch.fps, batch.overwrite, batch.report is not None)
+    editing = Editing(
+        edit,
+        selection,
+        batch.reading,
+        batch.out_up,
+        batch.overwrite,
+        measured=batch.report is not None,
+        uses_up=uses_up,
+    )
     run(partial(edit_file, editing), jobs, batch, running)
 
 

@@ -217,4 +217,5 @@ def _holds_a_motion(path: Path) -> bool:
             names = set(archive.namelist())
     except (OSError, zipfile.BadZipFile):
         return True
-    return "jaxmotion_motion.npy" in names or {"poses.npy", "trans.npy"} <= names
+    split = {"root_orient.npy", "pose_body.npy", "trans.npy"}
+    return "jaxmotion_motion.npy" in names or {"poses.npy", "trans.npy"} <= names or split <= names

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jaxmotion._plain import irregular
-from jaxmotion.cli._options import Running
+from jaxmotion.cli._options import Reading, Running, out_up_option
 from jaxmotion.cli._terminal import say
 
 if TYPE_CHECKING:
@@ -25,13 +25,16 @@ def join(
     combine: "Callable[[list[Motion]], tuple[Motion, str]]",
     sources: Sequence[Path],
     out: Path,
-    fps: float | None,
+    reading: Reading,
     *,
+    out_up: str | None,
     overwrite: bool,
     dry_run: bool,
     running: Running,
+    uses_up: bool,
 ) -> None:
-    """Read ``sources``, ``combine`` them, which also says what was done, and write ``out``."""
+    """Read ``sources``, ``combine`` them, which also says what was done, and write ``out``;
+    ``uses_up``: as :func:`~jaxmotion.cli._work.read`."""
     from jaxmotion.cli import _files, _session
 
     check_targets([out], sources, overwrite=overwrite)
@@ -43,8 +46,8 @@ def join(
     from jaxmotion.cli._work import finite, write
 
     with warned():
-        motion, summary = combine(read_clips(sources, fps))
-        write(finite(motion), out, overwrite=overwrite)
+        motion, summary = combine(read_clips(sources, reading, uses_up=uses_up))
+        write(finite(motion), out, overwrite=overwrite, up=out_up)
     say(f"{out}: {summary}", err=True)
 
 
@@ -66,11 +69,13 @@ def check_targets(targets: Sequence[Path], sources: Sequence[Path], *, overwrite
             raise click.ClickException(f"{target} exists; add --overwrite")
 
 
-def read_clips(sources: Sequence[Path], fps: float | None) -> "list[Motion]":
+def read_clips(
+    sources: Sequence[Path], reading: Reading, *, uses_up: bool = False
+) -> "list[Motion]":
     """The clips."""
     from jaxmotion.cli._work import read
 
-    return [read(source, fps) for source in sources]
+    return [read(source, reading, uses_up=uses_up) for source in sources]
 
 
 @contextmanager
@@ -86,10 +91,11 @@ def warned() -> Iterator[None]:
 
 
 def file_options(function: Callable) -> Callable:
-    """``-o --overwrite --dry-run``."""
+    """``-o --out-up --overwrite --dry-run``."""
     for option in (
         click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop."),
         click.option("--overwrite", is_flag=True, help="Replace an output that exists."),
+        out_up_option,
         click.option("-o", "--out", type=a_file(), required=True, help="The file to write."),
     ):
         function = option(function)

@@ -35,6 +35,14 @@ class Running:
 
 
 @dataclass(frozen=True)
+class Reading:
+    """What is said of the inputs that they may not say: ``fps``, ``up``; None to believe them."""
+
+    fps: float | None
+    up: str | None
+
+
+@dataclass(frozen=True)
 class Batch:
     """Files in, files out: what the options of :func:`batch_options` say."""
 
@@ -46,7 +54,8 @@ class Batch:
     jobs: int
     fail_fast: bool
     report: Path | None
-    fps: float | None
+    reading: Reading
+    out_up: str | None
 
 
 @dataclass(frozen=True)
@@ -138,13 +147,35 @@ def keep_contacts_option(function: Callable) -> Callable:
     )(function)
 
 
-def fps_option(function: Callable) -> Callable:
-    """``--fps``."""
-    return click.option(
+def reading_options(function: Callable) -> Callable:
+    """``--fps --up``; the command is given ``reading``."""
+
+    @click.option(
         "--fps",
         type=click.FloatRange(min=0, min_open=True),
         help="Frame rate of the inputs, whatever they say; most .amc files say none, and 120 is "
         "taken. Nothing is resampled.",
+    )
+    @click.option(
+        "--up",
+        type=click.Choice(["x", "y", "z", "auto"]),
+        help="The axis that points up in the inputs, whatever they say; .bvh and .amc files say "
+        "none, and y is taken. auto guesses from the motion. Nothing is turned.",
+    )
+    @functools.wraps(function)
+    def command(*args, fps: float | None, up: str | None, **values):
+        return function(*args, reading=Reading(fps, up), **values)
+
+    return command
+
+
+def out_up_option(function: Callable) -> Callable:
+    """``--out-up``."""
+    return click.option(
+        "--out-up",
+        type=click.Choice(["x", "y", "z", "keep"]),
+        help="The axis that is to point up in the outputs, which are turned for it.  [default: y "
+        "in .bvh and .amc, which cannot say it; keep in .npz]",
     )(function)
 
 
@@ -162,7 +193,8 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
         type=click.Path(path_type=Path),
         help="Output folder, which mirrors the inputs' tree; or the output file, for one input.",
     )
-    @fps_option
+    @reading_options
+    @out_up_option
     @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
     @click.option(
         "--resume",

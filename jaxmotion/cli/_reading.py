@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from jaxmotion._plain import printable
 from jaxmotion.cli import _files, _session
 from jaxmotion.cli._app import described
-from jaxmotion.cli._options import Running
+from jaxmotion.cli._options import Reading, Running
 from jaxmotion.cli._terminal import say
 from jaxmotion.cli._work import read, told
 
@@ -29,9 +29,15 @@ class Item:
 
 
 def each(
-    files: Sequence[str], fps: float | None, running: Running, *, complain: bool = True
+    files: Sequence[str],
+    reading: Reading,
+    running: Running,
+    *,
+    complain: bool = True,
+    uses_up: bool = False,
 ) -> Iterator[Item]:
-    """Read file after file; those that fail are told of on stderr if ``complain``."""
+    """Read file after file; those that fail are told of on stderr if ``complain``; ``uses_up``: as
+    :func:`~jaxmotion.cli._work.read`."""
     inputs = _files.expand(files)
     little = _session.is_little(source.path for source in inputs)
     _session.start(cache=running.cache, little=little)
@@ -40,7 +46,7 @@ def each(
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
-                item.motion = read(source.path, fps)
+                item.motion = read(source.path, reading, uses_up=uses_up)
             except Exception as error:
                 item.error = described(error)
                 if running.debug:

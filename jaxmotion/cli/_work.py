@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from jaxmotion._plain import printable
 from jaxmotion.cli._app import described
 from jaxmotion.cli._files import Job
-from jaxmotion.cli._options import Selection
+from jaxmotion.cli._options import Reading, Selection
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -38,13 +38,16 @@ class Outcome:
 @dataclass(frozen=True)
 class Editing:
     """What :func:`edit_file` does to every file: ``edit(motion, length)`` returns a motion of the
-    same shape; ``measured`` asks for changes in world positions as well."""
+    same shape; ``measured`` asks for changes in world positions as well; ``uses_up``: the edit goes
+    by the up axis."""
 
     edit: "Callable[[Motion, int], Motion]"
     selection: Selection
-    fps: float | None
+    reading: Reading
+    out_up: str | None
     overwrite: bool
     measured: bool
+    uses_up: bool
 
 
 def guarded(process: "Callable[[Job], Difference | str | None]", job: Job) -> Outcome:
@@ -89,14 +92,14 @@ def edit_file(editing: Editing, job: Job) -> "Difference | None":
     """Read the job's source, edit it and write its target."""
     from jaxmotion import metrics
 
-    motion = read(job.source, editing.fps)
+    motion = read(job.source, editing.reading, uses_up=editing.uses_up)
     padded, length = pad(motion)
     edited = editing.edit(padded, length)
     if not editing.selection.everything:
         edited = confined(padded, edited, length, editing.selection)
     edited = finite(unpadded(edited, length))
     change = metrics.difference(motion, edited, world=editing.measured)
-    write(edited, job.target, overwrite=editing.overwrite)
+    write(edited, job.target, overwrite=editing.overwrite, up=editing.out_up)
     return change
 
 
@@ -112,32 +115,26 @@ def finite(motion: "Motion") -> "Motion":
     return motion
 
 
-def read(path: Path, fps: float | None) -> "Motion":
-    """Load a motion; ``fps`` overrules the file's frame rate."""
+def read(path: Path, reading: Reading, *, uses_up: bool = False) -> "Motion":
+    """Load a motion; ``uses_up``: warn if it seems to stand along another axis than it says."""
     import jaxmotion as jm
+    from jaxmotion.axes import doubt_up
 
-    options: dict[str, Any] = {}
-    if fps is not None:
-        by_suffix = {".amc": {"fps": fps}, ".bvh": {"frame_time": 1.0 / fps}}
-        options = by_suffix.get(path.suffix.lower(), {})
-    motion = jm.load(path, **options)
-    if fps is None or options:
-        return motion
-    return jm.Motion(
-        motion.skeleton,
-        motion.translations,
-        motion.rotations,
-        1.0 / fps,
-        translated_joints=motion.translated_joints,
-    )
+    motion = jm.load(path, fps=reading.fps, up=reading.up)  # type: ignore[arg-type]
+    if uses_up and (doubt := doubt_up(motion)):
+        warnings.warn(f"{path}: {doubt}", jm.io.MotionFileWarning, stacklevel=2)
+    return motion
 
 
-def write(motion: "Motion", path: Path, *, overwrite: bool, **format_options: Any) -> None:
-    """Save a motion, making the folders it goes to; ``format_options`` go to the format."""
+def write(
+    motion: "Motion", path: Path, *, overwrite: bool, up: str | None = None, **format_options: Any
+) -> None:
+    """Save a motion, making the folders it goes to; ``up``: the axis to point up in the file;
+    ``format_options`` go to the format."""
     import jaxmotion as jm
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    jm.save(motion, path, overwrite=overwrite, **format_options)
+    jm.save(motion, path, overwrite=overwrite, up=up, **format_options)  # type: ignore[arg-type]
 
 
 def pad(motion: "Motion") -> "tuple[Motion, int]":

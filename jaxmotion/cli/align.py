@@ -9,7 +9,13 @@ import click
 from jaxmotion import __version__
 from jaxmotion._plain import as_json
 from jaxmotion.cli._joining import check_targets, read_clips, warned
-from jaxmotion.cli._options import Running, fps_option, running_options
+from jaxmotion.cli._options import (
+    Reading,
+    Running,
+    out_up_option,
+    reading_options,
+    running_options,
+)
 from jaxmotion.cli._terminal import say
 
 if TYPE_CHECKING:
@@ -62,7 +68,8 @@ def _file(**options: Any) -> Any:
     callback=_plot_suffix,
     help="Draw the pairs of frames into this .png, .svg or .pdf file.",
 )
-@fps_option
+@reading_options
+@out_up_option
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop.")
 @running_options
@@ -75,7 +82,8 @@ def command(
     settle: float,
     path: Path | None,
     plot: Path | None,
-    fps: float | None,
+    reading: Reading,
+    out_up: str | None,
     overwrite: bool,
     dry_run: bool,
     running: Running,
@@ -101,9 +109,11 @@ def command(
         _require_matplotlib()
     _files.clearing(targets)()
     _session.start(cache=running.cache, little=_session.is_little([source, reference]))
+    from jaxmotion.cli._work import write
+
     with warned():
-        found = _align(source, reference, fps, method=method, step_pattern=steps, settle=settle)
-        _write_motion(found, out, overwrite=overwrite)
+        found = _align(source, reference, reading, method=method, step_pattern=steps, settle=settle)
+        write(found.motion, out, overwrite=overwrite, up=out_up)
     if path is not None:
         _write_path(found, path, source, reference, method, overwrite=overwrite)
     if plot is not None:
@@ -118,20 +128,14 @@ def _require_matplotlib() -> None:
         raise click.ClickException("--plot needs Matplotlib: pip install 'jaxmotion[viz]'")
 
 
-def _align(source: Path, reference: Path, fps: float | None, **options: Any) -> "Alignment":
+def _align(source: Path, reference: Path, reading: Reading, **options: Any) -> "Alignment":
     """Read both clips and align them."""
     from jaxmotion.cli._work import finite
     from jaxmotion.timing import align
 
-    found = align(*read_clips([source, reference], fps), **options)
+    found = align(*read_clips([source, reference], reading), **options)
     finite(found.motion)
     return found
-
-
-def _write_motion(found: "Alignment", out: Path, *, overwrite: bool) -> None:
-    from jaxmotion.cli._work import write
-
-    write(found.motion, out, overwrite=overwrite)
 
 
 def _write_path(

@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING
 import click
 
 from jaxmotion.cli._joining import a_file, file_options, join
-from jaxmotion.cli._options import Running, fps_option, keep_contacts_option, running_options
+from jaxmotion.cli._options import (
+    Reading,
+    Running,
+    keep_contacts_option,
+    reading_options,
+    running_options,
+)
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -21,7 +27,7 @@ if TYPE_CHECKING:
     "--levels", type=click.IntRange(0), help="Levels of detail; by default 6 or what a clip allows."
 )
 @keep_contacts_option
-@fps_option
+@reading_options
 @running_options
 def command(
     reference: Path,
@@ -30,7 +36,8 @@ def command(
     out: Path,
     levels: int | None,
     keep_contacts: bool,
-    fps: float | None,
+    reading: Reading,
+    out_up: str | None,
     overwrite: bool,
     dry_run: bool,
     running: Running,
@@ -58,4 +65,14 @@ def command(
         return motion, f"{motion.num_frames} frames"
 
     sources = [reference, first, second]
-    join(combine, sources, out, fps, overwrite=overwrite, dry_run=dry_run, running=running)
+    join(
+        combine,
+        sources,
+        out,
+        reading,
+        out_up=out_up,
+        overwrite=overwrite,
+        dry_run=dry_run,
+        running=running,
+        uses_up=keep_contacts,
+    )

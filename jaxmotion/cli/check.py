@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jaxmotion._plain import printable
-from jaxmotion.cli._options import Running, files_argument, fps_option, running_options
+from jaxmotion.cli._options import (
+    Reading,
+    Running,
+    files_argument,
+    reading_options,
+    running_options,
+)
 from jaxmotion.cli._terminal import say, say_json
 
 if TYPE_CHECKING:
@@ -18,7 +24,7 @@ _SHOWN = 6
 
 @click.command(short_help="Look for problems; exit code 3 if there are any.")
 @files_argument
-@fps_option
+@reading_options
 @click.option("--json", "as_json", is_flag=True, help="As JSON, a list with one entry a file.")
 @click.option(
     "--ignore", multiple=True, metavar="KIND", help="Leave out a kind of finding; may be repeated."
@@ -28,7 +34,7 @@ _SHOWN = 6
 def command(
     files: tuple[str, ...],
     running: Running,
-    fps: float | None,
+    reading: Reading,
     as_json: bool,
     ignore: tuple[str, ...],
     strict: bool,
@@ -41,6 +47,7 @@ def command(
     rate        an unusual frame rate             duplicate  frames that repeat the one before
     jump        a turn of over 120° in one frame  spike      a joint out for one frame
     first       a first frame (a rest pose) that stands apart
+    up          the figure stands along another axis than points up (--up says which)
     Notes, which do not change the exit code:
     flip        Euler angles that jump by 360°    gimbal     Euler angles near gimbal lock
 
@@ -55,7 +62,7 @@ def command(
         raise click.UsageError(f"--ignore {sorted(unknown)[0]}: the kinds are {', '.join(kinds)}")
     found = []
     bad = 0
-    for item in each(files, fps, running, complain=False):
+    for item in each(files, reading, running, complain=False):
         problems = [Problem("repaired", text) for text in item.warnings]
         if item.motion is None:
             problems.append(Problem("unreadable", item.error))

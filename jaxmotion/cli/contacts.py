@@ -80,7 +80,8 @@ def command(
     from jaxmotion.cli._batch import edit_files
 
     everything = Selection(strength=1.0, joints=(), frames=(None, None), fade=0)
-    edit_files(partial(edit, finding=finding, way=restore), batch, running, everything)
+    changes = partial(edit, finding=finding, way=restore)
+    edit_files(changes, batch, running, everything, uses_up=True)
 
 
 def find(
@@ -113,14 +114,16 @@ def _list(batch: Batch, running: Running, finding: Any, as_json: bool) -> None:
 
     found = []
     failed = False
-    for item in each(batch.files, batch.fps, running):
+    for item in each(batch.files, batch.reading, running, uses_up=True):
         failed |= item.motion is None
         if item.motion is None:
             continue
-        entry = {"file": str(item.path), **_facts(item.motion, finding)}
+        facts = _facts(item.motion, finding)
+        entry = {"file": str(item.path), **facts, "warnings": item.warnings}
         found.append(entry)
         if not as_json:
             say(*_as_text(item.path, entry))
+            say(*(f"  warning: {text}" for text in item.warnings), err=True)
     if as_json:
         say_json(found)
     raise click.exceptions.Exit(1 if failed else 0)

@@ -25,6 +25,7 @@ def command(batch: Batch, running: Running, to: str | None, no_still_positions: 
     \b
     jaxmotion convert take.bvh -o take.amc            (writes take.asf too)
     jaxmotion convert cmu -o bvh --to bvh --fps 120   (a folder)
+    jaxmotion convert blender.bvh -o take.bvh --up z  (stands along z; turned to y up)
     """
     from jaxmotion.cli import _files
     from jaxmotion.cli._batch import run
@@ -36,10 +37,11 @@ def command(batch: Batch, running: Running, to: str | None, no_still_positions: 
     options = {"still_positions": False} if no_still_positions else {}
     if options and any(job.target.suffix.lower() != ".bvh" for job in jobs):
         raise click.UsageError("--no-still-positions goes with outputs in BVH")
-    run(partial(_convert, batch.fps, batch.overwrite, options), jobs, batch, running)
+    run(partial(_convert, batch, options), jobs, batch, running)
 
 
-def _convert(fps: float | None, overwrite: bool, options: dict[str, Any], job: Job) -> None:
+def _convert(batch: Batch, options: dict[str, Any], job: Job) -> None:
     from jaxmotion.cli._work import read, write
 
-    write(read(job.source, fps), job.target, overwrite=overwrite, **options)
+    motion = read(job.source, batch.reading)
+    write(motion, job.target, overwrite=batch.overwrite, up=batch.out_up, **options)

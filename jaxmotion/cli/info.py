@@ -1,12 +1,19 @@
 """``jaxmotion info``: what a file holds."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from jaxmotion._plain import printable
-from jaxmotion.cli._options import Running, files_argument, fps_option, running_options
+from jaxmotion.cli._options import (
+    Reading,
+    Running,
+    files_argument,
+    reading_options,
+    running_options,
+)
 from jaxmotion.cli._terminal import say, say_json
 
 if TYPE_CHECKING:
@@ -15,12 +22,12 @@ if TYPE_CHECKING:
 
 @click.command(short_help="What a file holds.")
 @files_argument
-@fps_option
+@reading_options
 @click.option("--json", "as_json", is_flag=True, help="As JSON, a list with one entry a file.")
 @click.option("--tree", is_flag=True, help="Draw the skeleton.")
 @running_options
 def command(
-    files: tuple[str, ...], running: Running, fps: float | None, as_json: bool, tree: bool
+    files: tuple[str, ...], running: Running, reading: Reading, as_json: bool, tree: bool
 ) -> None:
     """What a file holds: joints, frames, rate, channels, size.
 
@@ -32,7 +39,7 @@ def command(
 
     found = []
     failed = False
-    for item in each(files, fps, running):
+    for item in each(files, reading, running, uses_up=True):
         failed |= item.motion is None
         if item.motion is None:
             continue
@@ -69,6 +76,7 @@ def describe(motion: "Motion") -> dict[str, Any]:
         "translated_joints": [skeleton.names[j] for j in motion.translated_joints],
         "up": skeleton.up,
         "length_unit": skeleton.length_unit,
+        "conventions": asdict(skeleton.conventions),
         "height": float(height),
         "bounding_box": [points.min((0, 1)).tolist(), points.max((0, 1)).tolist()],
     }
@@ -80,17 +88,29 @@ def _as_text(path: Path, facts: dict[str, Any]) -> list[str]:
     moving = facts["translated_joints"]
     layouts = sorted({" ".join(names) for names in channels if names}, key=len)
     shown = "; ".join(layouts[:3]) + (f"; and {len(layouts) - 3} more" * (len(layouts) > 3))
-    unit = facts["length_unit"]
+    unit, metres = facts["length_unit"], facts["conventions"]["metres"]
+    known = {
+        name: "" if how == "told" else f" ({how})" for name, how in facts["conventions"].items()
+    }
+    if metres is None:
+        length = "not told" if unit == 1.0 else f"{unit:g}"
+    else:
+        length = "metres" if metres == 1.0 else f"{metres:g} m"
     rows = [
         ("joints", f"{len(facts['joints'])}, and {facts['end_sites']} end sites"),
-        ("frames", f"{facts['frames']} at {facts['fps']:.6g} a second: {facts['seconds']:.2f} s"),
+        (
+            "frames",
+            f"{facts['frames']} at {facts['fps']:.6g} a second{known['frame_time']}: "
+            f"{facts['seconds']:.2f} s",
+        ),
         ("channels", f"{sum(map(len, channels))} ({shown})"),
         (
             "translated",
             ", ".join(moving[:6]) + (f" and {len(moving) - 6} more" * (len(moving) > 6)),
         ),
-        ("up", facts["up"]),
-        ("length unit", "not told" if unit == 1.0 else f"{unit:g}"),
+        ("up", facts["up"] + known["up"]),
+        *([("angles", "degrees (assumed)")] if known["angle"] else []),
+        ("length unit", length),
         ("height", f"{facts['height']:.4g}, the median over frames"),
         ("moves within", f"({low}) to ({high})"),
         *(("warning", text) for text in facts["warnings"]),

@@ -40,20 +40,24 @@ def command(batch: Batch, running: Running, scope: str) -> None:
 
     inputs = _files.expand(batch.files, avoid=batch.out)
     jobs = _files.plan_folders(inputs, batch.out)
-    process = partial(_decompose, batch.fps, batch.overwrite, scope)
+    process = partial(_decompose, batch, scope)
     run(process, jobs, batch, running, writes=lambda folder: [folder / name for name in _NAMES])
 
 
-def _decompose(fps: float | None, overwrite: bool, scope: str, job: Job) -> str:
+def _decompose(batch: Batch, scope: str, job: Job) -> str:
     import jaxmotion as jm
     from jaxmotion.cli._work import pad, read, unpadded, write
+    from jaxmotion.io.conventions import turned_for
 
-    padded, length = pad(read(job.source, fps))
+    # All outputs are of one world: turned before anything is taken apart.
+    up, overwrite = batch.out_up or "y", batch.overwrite
+    motion = turned_for(read(job.source, batch.reading), up, job.target, "layers")  # type: ignore[arg-type]
+    padded, length = pad(motion)
     layers = jm.decompose(padded, scope=scope, length=length)  # type: ignore[arg-type]
     denoised = unpadded(jm.synthesize(layers, 1.0, 0.0), length)
     base, denoised_name, _ = _NAMES
-    write(unpadded(layers.base, length), job.target / base, overwrite=overwrite)
-    write(denoised, job.target / denoised_name, overwrite=overwrite)
+    write(unpadded(layers.base, length), job.target / base, overwrite=overwrite, up=up)
+    write(denoised, job.target / denoised_name, overwrite=overwrite, up=up)
     return _write_displacements(layers, length, job, overwrite)
 
 

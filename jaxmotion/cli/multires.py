@@ -83,7 +83,7 @@ def command(
     if gains is not None and levels is not None and levels != len(gains):
         raise click.UsageError(f"--levels {levels} and {len(gains)} --gains disagree")
     changes = partial(edit, gains=gains, level=level, levels=levels, keep_contacts=keep_contacts)
-    edit_files(changes, batch, running, selection)
+    edit_files(changes, batch, running, selection, uses_up=keep_contacts)
 
 
 def edit(

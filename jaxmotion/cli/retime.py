@@ -110,15 +110,15 @@ def command(
         raise click.UsageError("say what: --to-fps 24, --frames 300, --slow 0.25 or --at 1=1.5")
     timing = Timing(warp, keep_duration, rate)
     jobs = _files.plan(_files.expand(batch.files, avoid=batch.out), batch.out)
-    run(partial(_retime, batch.fps, batch.overwrite, timing), jobs, batch, running)
+    run(partial(_retime, batch, timing), jobs, batch, running)
 
 
-def _retime(fps: float | None, overwrite: bool, timing: Timing, job: Job) -> str:
+def _retime(batch: Batch, timing: Timing, job: Job) -> str:
     from jaxmotion.cli._work import finite, read, write
 
-    before = read(job.source, fps)
+    before = read(job.source, batch.reading)
     after = finite(edit(before, timing))
-    write(after, job.target, overwrite=overwrite)
+    write(after, job.target, overwrite=batch.overwrite, up=batch.out_up)
     return f"{_length(before)} to {_length(after)}"
 
 

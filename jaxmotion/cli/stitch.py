@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING
 import click
 
 from jaxmotion.cli._joining import file_options, join
-from jaxmotion.cli._options import Running, fps_option, keep_contacts_option, running_options
+from jaxmotion.cli._options import (
+    Reading,
+    Running,
+    keep_contacts_option,
+    reading_options,
+    running_options,
+)
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -31,7 +37,7 @@ if TYPE_CHECKING:
 )
 @click.option("--no-align", is_flag=True, help="Leave every clip where it stands and looks.")
 @keep_contacts_option
-@fps_option
+@reading_options
 @running_options
 def command(
     files: tuple[str, ...],
@@ -40,7 +46,8 @@ def command(
     levels: int | None,
     no_align: bool,
     keep_contacts: bool,
-    fps: float | None,
+    reading: Reading,
+    out_up: str | None,
     overwrite: bool,
     dry_run: bool,
     running: Running,
@@ -65,4 +72,14 @@ def command(
         return joined, f"{len(clips)} clips in {joined.num_frames} frames, {dropped} dropped"
 
     sources = [source.path for source in _files.expand(files, avoid=out)]
-    join(combine, sources, out, fps, overwrite=overwrite, dry_run=dry_run, running=running)
+    join(
+        combine,
+        sources,
+        out,
+        reading,
+        out_up=out_up,
+        overwrite=overwrite,
+        dry_run=dry_run,
+        running=running,
+        uses_up=True,
+    )

@@ -72,7 +72,7 @@ def command(
         residual=residual,
         keep_contacts=keep_contacts,
     )
-    edit_files(changes, batch, running, selection)
+    edit_files(changes, batch, running, selection, uses_up=keep_contacts)
 
 
 def edit(

@@ -14,7 +14,6 @@ the fifth of the frames in which the foot is lowest (the sole lies flat then),
 A foot of one joint without a tip has one point, its ankle. NumPy in float64 on the host, O(T·J).
 """
 
-import re
 from typing import NamedTuple
 
 import numpy as np
@@ -24,9 +23,8 @@ from jaxmotion import quaternion
 from jaxmotion.contacts.contact import ContactPoints, Limb, limb_above
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
-from jaxmotion.skeleton import Skeleton
+from jaxmotion.skeleton import Skeleton, feet_by_name
 
-_FOOT = re.compile("ankle|foot|feet|paw|hoof")
 _FLAT = 0.2  # share of the frames in which a foot is lowest
 _LOW = 0.1  # of the figure's height
 _BEHIND = 1.0 / 3.0
@@ -70,13 +68,8 @@ def find_feet(motion: Motion, *, length: int | None = None) -> ContactPoints:
 
 
 def _by_name(skeleton: Skeleton) -> list[_Foot]:
-    feet = []
-    for j, name in enumerate(skeleton.names):
-        named = [k for k in _up_from(skeleton, j) if _FOOT.search(skeleton.names[k].lower())]
-        limb = limb_above(skeleton.parents, j)
-        if _FOOT.search(name.lower()) and named == [j] and limb is not None:
-            feet.append(_Foot(j, limb))
-    return feet
+    limbs = {j: limb_above(skeleton.parents, j) for j in feet_by_name(skeleton)}
+    return [_Foot(j, limb) for j, limb in limbs.items() if limb is not None]
 
 
 def _by_geometry(skeleton, world, tips, up, known) -> list[_Foot]:

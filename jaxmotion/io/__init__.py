@@ -8,7 +8,9 @@
 
 Files are parsed in float64; a file is written whole or not at all. Trouble with a file's contents
 is a :class:`MotionFileError` (path, line, frame, what was found, what was expected, what to try);
-a repair, or a change of layout that the format forced, is a :class:`MotionFileWarning`.
+a repair, or a change that the format forced, is a :class:`MotionFileWarning`. What a format leaves
+open (the up axis, a frame rate) is assumed, can be told, and is kept:
+:mod:`jaxmotion.io.conventions`.
 """
 
 from collections.abc import Callable
@@ -16,6 +18,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from jaxmotion.io.conventions import Up, UpOut
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning
 
 if TYPE_CHECKING:
@@ -24,35 +27,53 @@ if TYPE_CHECKING:
 __all__ = ["MotionFileError", "MotionFileWarning", "load", "save"]
 
 
-def load(path: str | PathLike, *, dtype=None, **format_options) -> "Motion":
+def load(
+    path: str | PathLike,
+    *,
+    dtype=None,
+    fps: float | int | None = None,
+    up: Up | None = None,
+    **format_options,
+) -> "Motion":
     """Read a motion file.
 
     **Arguments:** ``path``: the file, its suffix telling the format; ``dtype``: of the arrays,
     float32 or float64, by default float64 if JAX has 64-bit types enabled, else float32 (our own
-    ``.npz`` keeps the dtypes it holds);
-    ``format_options``: passed on to the format's own reader.
+    ``.npz`` keeps the dtypes it holds); ``fps``: frames a second, to overrule the file or where it
+    tells none; ``up``: the axis that points up in the file, "x", "y" or "z", or "auto" for a guess
+    with a warning, by default what the file or its format says, else y (nothing is turned: see
+    :func:`jaxmotion.reorient`); ``format_options``: passed on to the format's own reader.
     **Returns:** a :class:`~jaxmotion.Motion`.
     **Raises:** :class:`MotionFileError` for a file that cannot be understood or a suffix that is
     not one of the table's; ``OSError`` for one that cannot be opened; ``ValueError`` for a dtype
-    that is not available.
+    that is not available, or an impossible ``fps`` or ``up``.
     """
     reader = _reader(Path(path))
-    return reader(path, dtype=dtype, **format_options)
+    return reader(path, dtype=dtype, fps=fps, up=up, **format_options)
 
 
 def save(
-    motion: "Motion", path: str | PathLike, *, overwrite: bool = True, **format_options
+    motion: "Motion",
+    path: str | PathLike,
+    *,
+    overwrite: bool = True,
+    up: UpOut | None = None,
+    **format_options,
 ) -> None:
     """Write a motion file, whole or not at all.
 
     **Arguments:** ``motion``: one clip; ``path``: the file, its suffix telling the format;
-    ``overwrite``: whether a file of that name may be replaced; ``format_options``: passed on to
-    the format's own writer.
+    ``overwrite``: whether a file of that name may be replaced; ``up``: the axis that is to point up
+    in the file, to which the motion is turned, or "keep"; by default y, with a warning where
+    that is another, in formats that cannot say it (BVH, AMC), and "keep" in others;
+    ``format_options``: passed on to the format's own writer.
     **Raises:** :class:`MotionFileError` for a suffix that is not one of the table's;
     ``ValueError`` for a motion that the format cannot hold; ``FileExistsError`` and other
     ``OSError`` from writing.
     """
     writer = _writer(Path(path))
+    if up is not None:
+        format_options["up"] = up
     writer(motion, path, overwrite=overwrite, **format_options)
 
 

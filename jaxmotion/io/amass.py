@@ -1,4 +1,4 @@
-"""AMASS .npz files: SMPL-family body motion as rotation vectors, Z up.
+"""AMASS .npz files: SMPL-family body motion as rotation vectors, in metres, Z up.
 
     rotation_j(t) = exp(poses[t, 3j : 3j + 3]),  root position(t) = offsets[0] + trans[t]
 
@@ -8,6 +8,10 @@
 | (T, 72) | SMPL | 24: the body and two hands |
 | (T, 156) | SMPL-H | 52: the body and two hands of 15 joints |
 | (T, 165) | SMPL-X | 55: the body, jaw, eyes and two hands |
+
+Where there is no ``poses``, it is put together from ``root_orient`` (T, 3), ``pose_body`` (T, 63)
+and, as far as they are there, ``pose_jaw`` (T, 3), ``pose_eye`` (T, 6) and ``pose_hand`` (T, 90);
+joints of the smallest model that has them all, and that no array turns, stay at rest.
 
 The bone lengths are *not in the file*: they follow from ``betas`` and ``gender`` through a body
 model that cannot be shipped. Pass ``offsets=`` (the model's joints at rest, each less its parent)
@@ -20,20 +24,23 @@ Source: Mahmood et al. 2019 (AMASS); Loper et al. 2015 (SMPL); Romero et al. 201
 """
 
 from os import PathLike
-from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
 
 from jaxmotion.io.archive import Archive
+from jaxmotion.io.conventions import Up, seconds_of, with_up
 from jaxmotion.io.errors import MotionFileError
-from jaxmotion.io.euler_blocks import products
 from jaxmotion.io.npz import MARK
 from jaxmotion.io.precision import float_type
 from jaxmotion.motion import Motion
-from jaxmotion.skeleton import Skeleton
+from jaxmotion.skeleton import Conventions, Skeleton
 
 _RATES = ("mocap_framerate", "mocap_frame_rate", "mocap_frequency")
+_POSES = "rotation vectors (T, 66), (T, 72), (T, 156) or (T, 165)"
+# The parts of split poses in SMPL-X's order, and how wide they are.
+_PARTS = {"root_orient": 3, "pose_body": 63, "pose_jaw": 3, "pose_eye": 6, "pose_hand": 90}
+_NEEDED, _FACE_PARTS = ("root_orient", "pose_body"), ("pose_jaw", "pose_eye")
 _NOMINAL_HEIGHT = 1.70
 
 Offset = tuple[float, float, float]
@@ -84,12 +91,12 @@ _FINGERS = {
 
 
 def is_amass(path: str | PathLike) -> bool:
-    """Whether an .npz file is to be read as AMASS: it holds ``poses`` and is not ours.
+    """Whether an .npz file is to be read as AMASS: it holds poses, whole or in parts; not ours.
 
     **Raises:** :class:`MotionFileError` if it is no .npz file; ``OSError`` if it cannot be opened.
     """
     names = Archive(path).names
-    return MARK not in names and "poses" in names
+    return MARK not in names and ("poses" in names or set(_NEEDED) <= set(names))
 
 
 def load_amass(
@@ -97,24 +104,26 @@ def load_amass(
     *,
     offsets=None,
     height: float | int = _NOMINAL_HEIGHT,
-    up: Literal["y", "z"] = "z",
+    fps: float | int | None = None,
+    up: Up | None = None,
     dtype=None,
 ) -> Motion:
     """Read an AMASS motion.
 
     **Arguments:** ``offsets``: f[J, 3], metres, of the subject's joints from their parents at rest
     (the pelvis from the model's origin); by default the nominal adult's (see the module) of
-    ``height`` metres; ``up``: "z" keeps the file's world, "y" turns it so that Y points up
-    (x, y, z) → (x, z, −y); ``dtype``: float32 or float64, by default JAX's.
-    **Returns:** a :class:`~jaxmotion.Motion` in metres, ``skeleton.up`` as asked.
+    ``height`` metres; ``fps``: frames a second, to overrule the file's or where it tells none;
+    ``up``: the axis that points up in the file, by default z, as in AMASS itself, or "auto" for a
+    guess (:func:`jaxmotion.reorient` turns the motion); ``dtype``: float32 or float64, by default
+    JAX's.
+    **Returns:** a :class:`~jaxmotion.Motion` in metres.
     **Raises:** :class:`MotionFileError` for a file that cannot be understood; ``OSError`` for one
     that cannot be opened; ``ValueError`` for impossible arguments.
     """
-    if up not in ("y", "z"):
-        raise ValueError(f"load_amass: up={up!r}; expected 'y' or 'z'")
     dtype = float_type(dtype)
+    seconds = seconds_of(fps, "load_amass")
     archive = Archive(path)
-    poses = _numbers(archive, "poses", "rotation vectors (T, 66), (T, 72), (T, 156) or (T, 165)")
+    poses = _poses(archive)
     tables = {3 * len(table): table for table in map(_joints, (22, 24, 52, 55))}
     if poses.ndim != 2 or poses.shape[1] not in tables or len(poses) == 0:
         raise MotionFileError(
@@ -134,17 +143,11 @@ def load_amass(
         raise ValueError(
             f"load_amass: offsets of shape {rest.shape}; expected ({len(table)}, 3), finite"
         )
-    rate = _frame_rate(archive)
+    seconds = np.array(seconds or 1.0 / _frame_rate(archive))
     with np.errstate(over="ignore", invalid="ignore"):
         rotations = _exp(poses.reshape(len(poses), len(table), 3))
-    positions = rest[0] + trans
-    if up == "y":
-        positions = positions[:, [0, 2, 1]] * [1.0, 1.0, -1.0]
-        quarter = np.sqrt(0.5) * np.array([[1.0, -1.0, 0.0, 0.0]])
-        rotations[:, :1] = products(quarter, rotations[:, :1], np.eye(1, 4))
     translations = np.broadcast_to(rest, (*rotations.shape[:-1], 3)).copy()
-    translations[:, 0] = positions
-    seconds = np.array(1.0 / rate)
+    translations[:, 0] += trans
     with np.errstate(over="ignore"):
         arrays = [array.astype(dtype) for array in (rest, translations, rotations, seconds)]
     if not all(np.isfinite(array).all() for array in arrays) or arrays[-1] <= 0:
@@ -159,15 +162,11 @@ def load_amass(
         [name for name, _, _ in table],
         [places.get(parent, -1) for _, parent, _ in table],
         rest,
-        up=up,
+        up="z",
+        conventions=Conventions(metres=1.0),
     )
-    return Motion(
-        skeleton,
-        translations,
-        rotations,
-        seconds,
-        translated_joints=(0,),
-    )
+    motion = Motion(skeleton, translations, rotations, seconds, translated_joints=(0,))
+    return with_up(motion, up, path, "load_amass")
 
 
 def _joints(count: int) -> list[tuple[str, str, Offset]]:
@@ -199,6 +198,28 @@ def _rest(table, height: float | int) -> np.ndarray:
     return height / _NOMINAL_HEIGHT * np.array([offset for _, _, offset in table])
 
 
+def _poses(archive: Archive) -> np.ndarray:
+    """The rotation vectors f64[T, 3 J], in one array of the file or in parts."""
+    if "poses" in archive.names:
+        return _numbers(archive, "poses", _POSES)
+    present = [name for name in _PARTS if name in archive.names or name in _NEEDED]
+    parts = {name: _numbers(archive, name, f"(T, {_PARTS[name]})") for name in present}
+    frames = len(parts["root_orient"]) if parts["root_orient"].ndim else 0
+    for name, part in parts.items():
+        if part.shape != (frames, _PARTS[name]) or frames == 0:
+            raise MotionFileError(
+                archive.path,
+                f"{name} of shape {part.shape}",
+                expected=f"({frames or 'T'}, {_PARTS[name]}) with frames",
+            )
+    if any(name in parts for name in _FACE_PARTS):
+        wanted = tuple(_PARTS)
+    else:
+        wanted = tuple(name for name in _PARTS if name not in _FACE_PARTS and name in parts)
+    still = {name: np.zeros((frames, _PARTS[name])) for name in wanted}
+    return np.concatenate([parts.get(name, still[name]) for name in wanted], axis=1)
+
+
 def _numbers(archive: Archive, name: str, what: str) -> np.ndarray:
     array = archive.read(name, what)
     if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
@@ -210,7 +231,14 @@ def _numbers(archive: Archive, name: str, what: str) -> np.ndarray:
 
 
 def _frame_rate(archive: Archive) -> float:
-    name = next((name for name in _RATES if name in archive.names), _RATES[0])
+    name = next((name for name in _RATES if name in archive.names), None)
+    if name is None:
+        raise MotionFileError(
+            archive.path,
+            f"no array {', '.join(map(repr, _RATES[:-1]))} or {_RATES[-1]!r}",
+            expected="one of them, frames a second",
+            hint="tell the rate: fps=30 (--fps 30), or what is right",
+        )
     rate = _numbers(archive, name, "frames a second")
     if rate.size != 1 or not rate.item() > 0:
         raise MotionFileError(
@@ -222,4 +250,5 @@ def _frame_rate(archive: Archive) -> float:
 def _exp(vectors: np.ndarray) -> np.ndarray:
     """Unit quaternions of rotation vectors: (..., 3) → (..., 4)."""
     half = 0.5 * np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.concatenate([np.cos(half), 0.5 * np.sinc(half / np.pi) * vectors], axis=-1)
+    over = np.divide(np.sin(half), half, out=np.ones_like(half), where=half > 0)
+    return np.concatenate([np.cos(half), 0.5 * over * vectors], axis=-1)

@@ -71,19 +71,24 @@ def rotation_order(dofs: tuple[str, ...]) -> str:
     return turns + others if len(turns) < 3 else turns
 
 
-def read_asf(path: str | PathLike, encoding: str | None = None) -> tuple[Skeleton, str]:
-    """Skeleton of an ASF file (f64, NumPy arrays) and the file's unit of angles, "deg" or "rad".
+def read_asf(
+    path: str | PathLike, encoding: str | None = None, angle: str | None = None
+) -> tuple[Skeleton, str]:
+    """Skeleton of an ASF file (f64, NumPy arrays) and the file's unit of angles, "deg", "rad" or ""
+    if it does not say; then degrees are taken.
 
-    **Arguments:** ``encoding``: of the names, by default told from their bytes.
+    **Arguments:** ``encoding``: of the names, by default told from their bytes; ``angle``: "deg" or
+    "rad", to overrule the file's unit.
     **Raises:** :class:`MotionFileError`; ``OSError`` if the file cannot be opened.
     """
     with np.errstate(all="ignore"):
-        return _Reader(Path(path), encoding).skeleton()
+        return _Reader(Path(path), encoding, angle).skeleton()
 
 
 class _Reader:
-    def __init__(self, path: Path, encoding: str | None):
+    def __init__(self, path: Path, encoding: str | None, angle: str | None):
         self.path = path
+        self.angle = angle
         data = plain_bytes(path, read_file(path))
         text, self.encoding = decoded(path, data, encoding)
         self.sections = self._sections(text)
@@ -111,7 +116,7 @@ class _Reader:
 
     def skeleton(self) -> tuple[Skeleton, str]:
         unit, length_unit = self._units()
-        self.to_degrees = 1.0 if unit == "deg" else 180.0 / math.pi
+        self.to_degrees = 180.0 / math.pi if (self.angle or unit) == "rad" else 1.0
         bones = {"root": self._root()}
         for bone in self._bonedata():
             if bone.name in bones:
@@ -144,7 +149,7 @@ class _Reader:
         return skeleton, unit
 
     def _units(self) -> tuple[str, float]:
-        unit, length = "deg", 1.0
+        unit, length = "", 1.0
         for line, (key, *values) in self.sections.get(":units", []):
             if key.lower() == "angle":
                 unit = values[0].lower()[:3] if values else ""

@@ -32,6 +32,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -42,15 +43,17 @@ from jaxmotion.io.asf import read_asf
 from jaxmotion.io.asf_dofs import dofs_from_transforms, places, transforms_from_dofs
 from jaxmotion.io.asf_write import asf_bones, asf_names, asf_text
 from jaxmotion.io.atomic import atomic_write
+from jaxmotion.io.conventions import Up, UpOut, seconds_of, turned_for, with_up
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning
 from jaxmotion.io.precision import float_type
 from jaxmotion.io.printed_digits import LARGEST_ROUNDING, SINGLE_PRECISION
 from jaxmotion.io.soundness import check_clip
 from jaxmotion.io.text import encoding_for
 from jaxmotion.motion import Motion
-from jaxmotion.skeleton import AsfBone, Skeleton
+from jaxmotion.skeleton import AsfBone, Conventions, Skeleton
 
 _DECIMALS = 12
+_ASSUMED_FPS = 120.0
 
 
 def load_amc(
@@ -58,6 +61,8 @@ def load_amc(
     *,
     asf: str | PathLike | None = None,
     fps: float | int | None = None,
+    up: Up | None = None,
+    angle: Literal["deg", "rad"] | None = None,
     dtype=None,
     encoding: str | None = None,
 ) -> Motion:
@@ -65,26 +70,33 @@ def load_amc(
 
     **Arguments:** ``asf``: the skeleton's file; by default the one beside ``path`` with its stem,
     or with the stem up to an underscore (``02_05.amc`` → ``02.asf``), or the folder's only one;
-    ``fps``: frames a second, by default what the file says, else 120; ``dtype``: float32 or
-    float64, by default JAX's; ``encoding``: of the .asf's names ("gbk"), by default told from their
-    bytes (:mod:`jaxmotion.io.text`).
+    ``fps``: frames a second, by default what the file says, else 120; ``up``: the axis that points
+    up, which no file says, or "auto" for a guess; y is assumed; ``angle``: "deg" or "rad", by
+    default what the AMC says, else the ASF, else degrees; ``dtype``: float32 or float64, by default
+    JAX's; ``encoding``: of the .asf's names ("gbk"), by default told from their bytes
+    (:mod:`jaxmotion.io.text`).
     **Returns:** a :class:`~jaxmotion.Motion`; ``skeleton.asf`` and ``skeleton.channels`` hold the
     bones' axes, limits and dofs.
     **Raises:** :class:`MotionFileError` for a file that cannot be understood, or no ASF;
-    ``OSError`` for one that cannot be opened; ``ValueError`` for an impossible ``fps``.
+    ``OSError`` for one that cannot be opened; ``ValueError`` for an impossible ``fps``, ``up`` or
+    ``angle``.
     """
-    if fps is not None and not 0 < fps < np.inf:
-        raise ValueError(f"load_amc: fps={fps!r}; expected a positive number")
+    asked = seconds_of(fps, "load_amc")
+    if angle not in (None, "deg", "rad"):
+        raise ValueError(f"load_amc: angle={angle!r}; expected 'deg' or 'rad'")
     path = Path(path)
     dtype = float_type(dtype)
-    skeleton, asf_unit = read_asf(Path(asf) if asf is not None else asf_beside(path), encoding)
+    asf = asf_beside(path) if asf is None else Path(asf)
+    skeleton, asf_unit = read_asf(asf, encoding, angle)
     widths = {n: len(d) for n, d in zip(skeleton.names, skeleton.channels, strict=True)}
     table = read_amc(path, widths, skeleton.encoding)
     columns = table.columns
-    if (table.unit or asf_unit) == "deg":
+    unit = angle or table.unit or asf_unit
+    if unit != "rad":
         dofs = dict(zip(skeleton.names, skeleton.channels, strict=True))
         columns = {n: _in_radians(v, dofs[n]) for n, v in columns.items()}
-    seconds = np.array(1.0 / (fps or table.fps or 120.0))
+    seconds = np.array(asked or 1.0 / (table.fps or _ASSUMED_FPS))
+    rate = "told" if asked or table.fps else "assumed"
     with np.errstate(over="ignore", invalid="ignore"):
         transforms = transforms_from_dofs(skeleton, columns, table.num_frames)
         moved = _moved_joints(skeleton, transforms[0])
@@ -97,7 +109,7 @@ def load_amc(
             expected=f"numbers that are finite in {dtype}",
         )
     offsets, end_offsets, translations, rotations, seconds = map(jnp.asarray, arrays)
-    return Motion(
+    motion = Motion(
         Skeleton(
             skeleton.names,
             skeleton.parents,
@@ -108,12 +120,14 @@ def load_amc(
             asf=skeleton.asf,
             length_unit=skeleton.length_unit,
             encoding=skeleton.encoding,
+            conventions=Conventions("assumed", rate, angle="told" if unit else "assumed"),
         ),
         translations,
         rotations,
         seconds,
         translated_joints=moved,
     )
+    return with_up(motion, up, path, "load_amc")
 
 
 def save_amc(
@@ -122,11 +136,14 @@ def save_amc(
     *,
     asf: str | PathLike | None = None,
     overwrite: bool = True,
+    up: UpOut = "y",
 ) -> None:
     """Write an AMC motion and its ASF skeleton, each whole or not at all.
 
     **Arguments:** ``motion``: one clip; ``asf``: where the skeleton goes, by default ``path`` with
-    the suffix .asf; ``overwrite``: whether files of those names may be replaced.
+    the suffix .asf; ``overwrite``: whether files of those names may be replaced; ``up``: the axis
+    that points up in the file, to which the motion is turned (:func:`jaxmotion.reorient`) with a
+    warning, or "keep".
     **Raises:** ``ValueError`` for several clips, no frames, NaN, rotations that are no unit
     quaternions, or one name for both files; ``FileExistsError`` and other ``OSError`` from writing.
     """
@@ -137,6 +154,7 @@ def save_amc(
     check_clip(motion)
     if not overwrite and (existing := [p for p in (path, asf) if p.exists()]):
         raise FileExistsError(f"{printable(existing[0])} exists; pass overwrite=True to replace it")
+    motion = turned_for(motion, up, path, "save_amc")
     skeleton, translations = _at_rest(motion)
     bones = asf_bones(skeleton)
     dofs, values = dofs_from_transforms(skeleton, bones, translations, np.asarray(motion.rotations))

@@ -46,6 +46,7 @@ from jaxmotion.io.bvh_frames import (
     row_texts,
 )
 from jaxmotion.io.bvh_hierarchy import Hierarchy, parse_hierarchy, parse_number
+from jaxmotion.io.conventions import Up, UpOut, seconds_of, turned_for, with_up
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted, read_file
 from jaxmotion.io.euler_blocks import quaternions
 from jaxmotion.io.precision import float_type
@@ -57,7 +58,7 @@ from jaxmotion.io.printed_digits import (
 )
 from jaxmotion.io.text import decoded, plain_bytes
 from jaxmotion.motion import Motion
-from jaxmotion.skeleton import Skeleton
+from jaxmotion.skeleton import Conventions, Skeleton
 
 # First on its line or after a brace; elsewhere it is a joint's name.
 _MOTION = re.compile(rb"(?:^[ \t\v\f]*|\}\s*)(MOTION)(?=\s|\Z)", re.IGNORECASE | re.MULTILINE)
@@ -69,20 +70,24 @@ def load_bvh(
     *,
     dtype=None,
     frame_time: float | None = None,
-    up: str = "y",
+    fps: float | int | None = None,
+    up: Up | None = None,
     encoding: str | None = None,
 ) -> Motion:
     """Read a BVH file; see the module for what is kept, accepted and repaired.
 
     **Arguments:** ``path``: the file; ``dtype``: of the arrays, as :func:`jaxmotion.load`;
-    ``frame_time``: seconds, to overrule the file's; ``up``: the axis that points up, which BVH
-    does not say; ``encoding``: of the names ("gbk"), by default told from their bytes
-    (:mod:`jaxmotion.io.text`).
+    ``frame_time``, in seconds, or ``fps``, frames a second: to overrule the file's; ``up``: the
+    axis that points up, which BVH does not say, or "auto" for a guess; y is assumed; ``encoding``:
+    of the names ("gbk"), by default told from their bytes (:mod:`jaxmotion.io.text`).
     **Returns:** a :class:`~jaxmotion.Motion`, lengths in the file's unit.
     **Raises:** :class:`~jaxmotion.io.MotionFileError` for a file that cannot be understood;
-    ``OSError`` for one that cannot be opened.
+    ``OSError`` for one that cannot be opened; ``ValueError`` for impossible arguments.
     """
     dtype = float_type(dtype)
+    if fps is not None and frame_time is not None:
+        raise ValueError(f"load_bvh: fps={fps} and frame_time={frame_time}; give one of them")
+    frame_time = frame_time if fps is None else seconds_of(fps, "load_bvh")
     data = plain_bytes(path, read_file(path))
     word = _MOTION.search(data)
     top = data[: word.start(1)] if word else data
@@ -110,10 +115,10 @@ def load_bvh(
         end_offsets=jax.device_put(hierarchy.end_offsets.astype(dtype)),
         end_labels=hierarchy.end_labels,
         channels=hierarchy.channels,
-        up=up,
         encoding=encoding,
+        conventions=Conventions(up="assumed"),
     )
-    return Motion(
+    motion = Motion(
         skeleton,
         jax.device_put(translations),
         jax.device_put(rotations),
@@ -121,6 +126,7 @@ def load_bvh(
         translated_joints=moved,
         frame_time_text=spelt,
     )
+    return with_up(motion, up, path, "load_bvh")
 
 
 def save_bvh(
@@ -128,19 +134,22 @@ def save_bvh(
     path: str | PathLike,
     *,
     overwrite: bool = True,
+    up: UpOut = "y",
     still_positions: bool = True,
 ) -> None:
     """Write a BVH file, whole or not at all; see the module for what is written how.
 
     **Arguments:** ``motion``: one clip of at least one frame, finite; ``path``: the file;
-    ``overwrite``: whether a file of that name may be replaced; ``still_positions``: whether joints
-    that never move keep their position channels. Programs that add positions to OFFSET, or take
-    none but the root's, need ``False``: such a joint's place becomes its OFFSET, so the world
-    positions are the same; joints that move keep theirs, and a
+    ``overwrite``: whether a file of that name may be replaced; ``up``: the axis that points up in
+    the file, to which the motion is turned (:func:`jaxmotion.reorient`) with a warning, or "keep";
+    ``still_positions``: whether joints that never move keep their position channels. Programs that
+    add positions to OFFSET, or take none but the root's, need ``False``: such a joint's place
+    becomes its OFFSET, so the world positions are the same; joints that move keep theirs, and a
     :class:`~jaxmotion.io.MotionFileWarning` names them.
     **Raises:** ``ValueError`` for a motion that BVH cannot hold (batched, no frames, not finite,
     names with braces or line ends); ``FileExistsError`` and other ``OSError`` from writing.
     """
+    motion = turned_for(motion, up, path, "save_bvh")
     plan = bvh_write.plan(motion, still_positions=still_positions)
     if plan.extended:
         warnings.warn(

@@ -11,6 +11,7 @@ Nothing is pickled, in or out. Any leading batch axes are kept. Deflated unless 
 """
 
 import json
+from dataclasses import asdict, replace
 from os import PathLike
 from typing import Any
 
@@ -19,11 +20,12 @@ import numpy as np
 
 from jaxmotion.io.archive import Archive, write_archive
 from jaxmotion.io.atomic import atomic_write
+from jaxmotion.io.conventions import Up, UpOut, seconds_of, turned_to, with_up
 from jaxmotion.io.errors import MotionFileError, quoted
 from jaxmotion.io.precision import float_type
 from jaxmotion.io.soundness import check_arrays, trouble
 from jaxmotion.motion import Motion
-from jaxmotion.skeleton import AsfBone, Skeleton
+from jaxmotion.skeleton import AsfBone, Conventions, Skeleton
 
 MARK = "jaxmotion_motion"
 _VERSION = 1
@@ -32,15 +34,22 @@ _ASF = ("axis", "axis_order", "direction", "length", "limits")
 
 
 def save_npz(
-    motion: Motion, path: str | PathLike, *, overwrite: bool = True, compress: bool = True
+    motion: Motion,
+    path: str | PathLike,
+    *,
+    overwrite: bool = True,
+    compress: bool = True,
+    up: UpOut = "keep",
 ) -> None:
     """Write a motion to an .npz file, whole or not at all.
 
     **Arguments:** ``motion``: one clip or a batch; ``overwrite``: whether a file of that name may
-    be replaced; ``compress``: deflate the arrays (about half the size, ten times the time).
+    be replaced; ``compress``: deflate the arrays (about half the size, ten times the time);
+    ``up``: the axis to point up, to which the motion is turned, or "keep".
     **Raises:** ``ValueError`` if an array has NaN or infinite entries, or a rotation is not a unit
     quaternion; ``FileExistsError`` and other ``OSError`` from writing.
     """
+    motion = turned_to(motion, up, "save_npz")
     skeleton = motion.skeleton
     static = {
         "translated_joints": motion.translated_joints,
@@ -54,6 +63,7 @@ def save_npz(
         "up": skeleton.up,
         "length_unit": skeleton.length_unit,
         "encoding": skeleton.encoding,
+        "conventions": asdict(skeleton.conventions),
     }
     arrays = {
         MARK: np.array(_VERSION),
@@ -72,14 +82,19 @@ def save_npz(
         write_archive(file, arrays, compress=compress)
 
 
-def load_npz(path: str | PathLike, *, dtype=None) -> Motion:
+def load_npz(
+    path: str | PathLike, *, dtype=None, fps: float | int | None = None, up: Up | None = None
+) -> Motion:
     """Read a motion from an .npz file that :func:`save_npz` wrote.
 
     **Arguments:** ``dtype``: float32 or float64 for every array; by default they keep their own
-    (float64 becomes float32 where JAX has it disabled).
+    (float64 becomes float32 where JAX has it disabled); ``fps``: frames a second, to overrule the
+    file's; ``up``: the axis that points up, to overrule it likewise, or "auto" for a guess.
     **Raises:** :class:`MotionFileError` for a file that cannot be understood; ``OSError`` for one
-    that cannot be opened; ``ValueError`` for a dtype that is not available.
+    that cannot be opened; ``ValueError`` for a dtype that is not available, or an impossible
+    ``fps`` or ``up``.
     """
+    seconds = seconds_of(fps, "load_npz")
     wanted = None if dtype is None else float_type(dtype)
     archive = Archive(path)
     version = archive.read(MARK, "the layout's version: a motion that jaxmotion saved")
@@ -104,7 +119,20 @@ def load_npz(path: str | PathLike, *, dtype=None) -> Motion:
     found = trouble(motion.skeleton.names, motion.translations, motion.rotations)
     if found:
         raise MotionFileError(path, found, expected="rotations that are unit quaternions")
-    return motion
+    if seconds is not None:
+        motion = _at_rate(motion, seconds)
+    return with_up(motion, up, path, "load_npz")
+
+
+def _at_rate(motion: Motion, seconds: float) -> Motion:
+    skeleton = motion.skeleton
+    told = replace(skeleton.conventions, frame_time="told")
+    return replace(
+        motion,
+        skeleton=replace(skeleton, conventions=told),
+        frame_time=jnp.full_like(motion.frame_time, seconds),
+        frame_time_text=None,
+    )
 
 
 def _static(archive: Archive) -> dict[str, Any]:
@@ -165,6 +193,7 @@ def _assemble(static: dict[str, Any], arrays: dict[str, Any]) -> Motion:
         up=fields["up"],
         length_unit=_finite(fields["length_unit"]),
         encoding=encoding,
+        conventions=_conventions(fields.get("conventions", {})),
     )
     return Motion(
         skeleton,
@@ -174,6 +203,18 @@ def _assemble(static: dict[str, Any], arrays: dict[str, Any]) -> Motion:
         translated_joints=joints,
         frame_time_text=text,
     )
+
+
+def _conventions(fields: dict[str, Any]) -> Conventions:
+    found = Conventions(**fields)
+    ways = (found.up, found.frame_time, found.angle)
+    if not all(way in ("told", "guessed", "assumed") for way in ways):
+        raise ValueError(f"conventions {ways}")
+    if found.metres is None:
+        return found
+    if not 0 < float(found.metres) < np.inf:
+        raise ValueError(f"a unit of {found.metres} metres")
+    return replace(found, metres=float(found.metres))
 
 
 def _bone(fields: dict[str, Any]) -> AsfBone:

@@ -12,6 +12,7 @@
 four times any later step within ten frames |
 | ``spike`` | a joint or the root is out for one frame and back: its bend is over 30° (2 % of the \
 figure's size), more than its neighbours in time differ, four times any other within ten frames |
+| ``up`` | the figure stands along another axis than the one that points up |
 | ``gimbal`` | a joint's Euler angles come within 2° of gimbal lock |
 
 Neighbouring frames with one problem are one finding. ``flip`` and ``gimbal`` are notes: most good
@@ -24,10 +25,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxmotion.axes import doubt_up
 from jaxmotion.metrics import measures
 from jaxmotion.motion import Motion
 
-KINDS = ("nan", "empty", "rate", "duplicate", "flip", "jump", "first", "spike", "gimbal")
+KINDS = ("nan", "empty", "rate", "duplicate", "flip", "jump", "first", "spike", "up", "gimbal")
 NOTES = ("flip", "gimbal")
 _RATES = (12, 15, 20, 24, 25, 30, 48, 50, 60, 72, 75, 90, 100, 120, 144, 150, 180, 200, 240, 250)
 _RATES = (*_RATES, 300, 360, 400, 480, 500, 1000, *(r * 1000 / 1001 for r in (24, 30, 60, 120)))
@@ -78,6 +80,7 @@ def find_problems(
         *_jumps(motion, jump),
         *_first(motion, spike),
         *_spikes(motion, spike),
+        *_up(motion),
         *_gimbal(motion, gimbal),
     ]
 
@@ -163,6 +166,11 @@ def _spikes(motion: Motion, least: float) -> Iterator[Problem]:
     for joint, frame, _ in _runs(out, motion, after=1, merge=False):
         text = f"position out by {far[frame - 1, 0]:.4g} for one frame"
         yield Problem("spike", text, frame, frame, joint)
+
+
+def _up(motion: Motion) -> Iterator[Problem]:
+    if doubt := doubt_up(motion):
+        yield Problem("up", doubt)
 
 
 def _isolated(bend: np.ndarray, across: np.ndarray, least: float) -> np.ndarray:

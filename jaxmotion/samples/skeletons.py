@@ -12,7 +12,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jaxmotion.skeleton import Skeleton
+from jaxmotion.skeleton import Conventions, Skeleton
 
 # name, parent, offset in metres; the left side, mirrored below.
 _BIPED = (
@@ -171,6 +171,7 @@ def _build(left, ends, dtype: np.dtype) -> Skeleton:
         np.array([offset for _, _, offset in joints], dtype),
         end_joints=[names.index(name) for name, _ in sites],
         end_offsets=np.array([offset for _, offset in sites], dtype),
+        conventions=Conventions(metres=1.0),
     )
 
 

@@ -40,7 +40,7 @@ def edited(monkeypatch):
     from jaxmotion.cli import _batch
 
     calls = []
-    monkeypatch.setattr(_batch, "edit_files", lambda edit, *rest: calls.append((edit, *rest)))
+    monkeypatch.setattr(_batch, "edit_files", lambda edit, *rest, **_: calls.append((edit, *rest)))
     return calls
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import jaxmotion as jm
 from jaxmotion.io import MotionFileError, load, save
 from jaxmotion.io.amass import is_amass, load_amass
 from tests.helpers import assert_same_rotation, scipy_rotation, world_by_matrices
@@ -96,7 +97,7 @@ def test_given_offsets_and_y_up(tmp_path):
     offsets = np.random.default_rng(0).normal(size=(24, 3))
     as_filed = load_amass(path, offsets=offsets)
     np.testing.assert_array_equal(as_filed.skeleton.offsets, offsets)
-    turned = load_amass(path, offsets=offsets, up="y")
+    turned = jm.reorient(as_filed, "y")
     assert turned.skeleton.up == "y"
     np.testing.assert_allclose(turned.fps, 120)
     z_up, y_up = world_by_matrices(as_filed)[0], world_by_matrices(turned)[0]
@@ -115,6 +116,61 @@ def test_zero_and_huge_rotations(tmp_path):
     np.testing.assert_array_equal(q[0], [[1.0, 0, 0, 0]] * 22)
     turns = Rotation.from_rotvec(poses.reshape(-1, 3)).as_quat(scalar_first=True)
     assert_same_rotation(q, turns.reshape(3, 22, 4), 1e-14)
+
+
+def test_a_rotation_of_any_size_is_a_unit_quaternion(tmp_path, dtype):
+    vectors = np.random.default_rng(0).standard_normal((4, 66))
+    for size in (1e3, 1e6, 1e9, 1e12):
+        path, _ = write(tmp_path, 22, poses=size * vectors)
+        q = np.asarray(load(path, dtype=dtype).rotations, np.float64)
+        np.testing.assert_allclose(np.linalg.norm(q, axis=-1), 1, atol=4 * np.finfo(dtype).eps)
+        # The angle itself is known to its own rounding: a millionth of a turn at 1e9.
+        if size <= 1e9:
+            turns = Rotation.from_rotvec(size * vectors.reshape(-1, 3)).as_quat(scalar_first=True)
+            assert_same_rotation(q, turns.reshape(4, 22, 4), 1e-6)
+
+
+PARTS = {"root_orient": 3, "pose_body": 63, "pose_jaw": 3, "pose_eye": 6, "pose_hand": 90}
+
+
+@pytest.mark.parametrize(
+    ("parts", "joints"),
+    [
+        (("root_orient", "pose_body"), 22),
+        (("root_orient", "pose_body", "pose_hand"), 52),
+        (tuple(PARTS), 55),
+        (("root_orient", "pose_body", "pose_jaw"), 55),
+    ],
+)
+def test_poses_in_parts(tmp_path, parts, joints):
+    """As the whole they are parts of; parts that are missing are at rest."""
+    rng = np.random.default_rng(5)
+    given = {name: rng.standard_normal((4, PARTS[name])) for name in parts}
+    path, _ = write(tmp_path, joints, poses=None, **given)
+    assert is_amass(path)
+    motion = load(path)
+    names = tuple(PARTS) if joints == 55 else tuple(n for n in PARTS if n in parts)
+    whole = np.concatenate([given.get(n, np.zeros((4, PARTS[n]))) for n in names], axis=1)
+    again = load(write(tmp_path, joints, poses=whole)[0])
+    assert motion.skeleton.names == again.skeleton.names
+    assert motion.num_joints == joints
+    np.testing.assert_array_equal(motion.rotations, again.rotations)
+    np.testing.assert_array_equal(motion.translations, again.translations)
+
+
+def test_a_rate_from_the_caller(tmp_path):
+    path, _ = write(tmp_path, 22, mocap_framerate=None)
+    with pytest.raises(MotionFileError, match=r"Try: tell the rate: fps=30"):
+        load(path)
+    assert load(path, fps=25).frame_time == 0.04
+    wrong, _ = write(tmp_path, 22, mocap_framerate=np.array(0.0))
+    assert load(wrong, fps=25).frame_time == 0.04
+
+
+def test_metres_are_said(tmp_path):
+    motion = load(write(tmp_path, 22)[0])
+    assert motion.skeleton.conventions.metres == 1.0
+    assert motion.skeleton.conventions.up == "told"
 
 
 def test_into_our_own_format_and_back(tmp_path):
@@ -142,6 +198,9 @@ def test_into_our_own_format_and_back(tmp_path):
         ({"mocap_framerate": np.array(0.0)}, "one positive number"),
         ({"mocap_framerate": np.array([1.0, 2.0])}, "one positive number"),
         ({"mocap_framerate": np.array("120")}, "dtype"),
+        ({"poses": None, "root_orient": np.zeros((4, 3)), "pose_body": np.zeros((4, 60))}, "body"),
+        ({"poses": None, "root_orient": np.zeros((3, 3)), "pose_body": np.zeros((4, 63))}, "body"),
+        ({"poses": None, "root_orient": np.zeros(3), "pose_body": np.zeros((4, 63))}, "root"),
     ],
 )
 def test_wrong_files_say_what_is_wrong(tmp_path, changes, message):

@@ -1,5 +1,6 @@
 """ASF/AMC: SciPy oracles for C R C⁻¹, real captures, both ways, conversions, quirks and errors."""
 
+import re
 import warnings
 
 import jax.numpy as jnp
@@ -14,6 +15,7 @@ from jaxmotion.skeleton import AsfBone
 from tests.helpers import (
     angle_between,
     assert_same_rotation,
+    no_shape_checks,
     random_motion,
     random_quaternions,
     random_skeleton,
@@ -124,6 +126,25 @@ def test_formula_against_scipy(tmp_path):
     np.testing.assert_allclose(motion.translations[:, 0], [[2, 4, 6], [2, 4, 7.5]], atol=1e-14)
     moved = np.array([2.5, 0, 0]) + axis @ [0, 0.25, 0]
     np.testing.assert_allclose(motion.translations[0, 3], moved, atol=1e-14)
+
+
+def test_unit_of_angles(tmp_path):
+    """The AMC's, else the ASF's, else degrees, and then it is said; or what the caller says."""
+    unsaid = AMC.replace(":DEGREES\n", ""), re.sub(r"\n *angle deg", "", ASF)
+    assert all(b != a for a, b in zip((AMC, ASF), unsaid, strict=True))
+    plain = load_amc(write(tmp_path))
+    assumed = load_amc(write(tmp_path, *unsaid))
+    assert plain.skeleton.conventions.angle == "told"
+    assert assumed.skeleton.conventions.angle == "assumed"
+    np.testing.assert_array_equal(assumed.rotations, plain.rotations)
+    said = load_amc(write(tmp_path, *unsaid), angle="rad")
+    assert said.skeleton.conventions.angle == "told"
+    turn = Rotation.from_euler("xyz", [10, 20, 30]) * Rotation.from_euler("xyz", [10, 20, 30])
+    np.testing.assert_allclose(
+        scipy_rotation(said.rotations[0, 0]).as_matrix()[0], turn.as_matrix(), atol=1e-12
+    )
+    with no_shape_checks(), pytest.raises(ValueError, match="expected 'deg' or 'rad'"):
+        load_amc(tmp_path / "tiny.amc", angle="grad")
 
 
 def test_spellings_that_mean_the_same(tmp_path):

@@ -214,6 +214,9 @@ def test_options(load):
     assert motion.frame_time == 0.05
     assert motion.frame_time_text is None
     assert motion.skeleton.up == "z"
+    assert load(SIMPLE.replace("0.0333333", "0"), fps=20).frame_time == 0.05
+    with pytest.raises(ValueError, match="give one of them"):
+        load(SIMPLE, fps=20, frame_time=0.05)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from jaxmotion import Motion, Skeleton
 from jaxmotion.io import MotionFileError, load
 from jaxmotion.io.archive import Archive
 from jaxmotion.io.npz import load_npz, save_npz
-from jaxmotion.skeleton import AsfBone
+from jaxmotion.skeleton import AsfBone, Conventions
 from tests.helpers import random_motion
 
 
@@ -37,6 +37,7 @@ def full_motion(dtype=np.float64, batch=()):
         asf=bones,
         up="z",
         length_unit=0.45,
+        conventions=Conventions("guessed", "assumed", metres=0.01),
     )
     return Motion(
         skeleton,
@@ -50,6 +51,8 @@ def full_motion(dtype=np.float64, batch=()):
 
 def assert_identical(a, b):
     assert jax.tree.structure(a) == jax.tree.structure(b)
+    one, other = a.skeleton.conventions, b.skeleton.conventions
+    assert dataclasses.asdict(one) == dataclasses.asdict(other)  # any two compare equal
     for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
         assert np.asarray(x).dtype == np.asarray(y).dtype
         assert np.asarray(x).tobytes() == np.asarray(y).tobytes()
@@ -71,8 +74,9 @@ def test_no_field_is_forgotten(tmp_path):
     saved = {
         Motion: "skeleton translations rotations frame_time translated_joints frame_time_text",
         Skeleton: "names parents offsets end_offsets end_joints end_labels channels asf up "
-        "length_unit encoding",
+        "length_unit encoding conventions",
         AsfBone: "axis axis_order direction length limits",
+        Conventions: "up frame_time angle metres",
     }
     for kind, names in saved.items():
         assert {f.name for f in dataclasses.fields(kind)} == set(names.split())
@@ -171,6 +175,9 @@ def beyond_unicode(text):
         (static_with(translated_joints=[3]), "beyond"),
         (static_with(channels=["ab", [], []]), "texts"),
         (static_with(up="w"), "up"),
+        (static_with(conventions={"up": "so"}), "conventions"),
+        (static_with(conventions={"down": "told"}), "down"),
+        (static_with(conventions={"metres": -1}), "-1 metres"),
         (static_with(length_unit="metre"), "fit together"),
         (static_with(asf=[{}]), "axis"),
         (static_with(asf=[1, 2, 3]), "fit together"),
