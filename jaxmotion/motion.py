@@ -11,11 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, Scalar
 from jaxmotion.skeleton import Skeleton
 
 
-class Motion(eqx.Module):
+class Motion(Portable):
     """A clip. Slice it along time: ``motion[10:90]``, ``motion[::2]`` (the frame time doubles).
 
     **Fields:**

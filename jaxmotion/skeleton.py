@@ -13,6 +13,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
 
 DEFAULT_ROOT_CHANNELS = (
@@ -41,7 +42,7 @@ class AsfBone(eqx.Module):
     limits: tuple[tuple[float, float], ...] = eqx.field(static=True, default=())
 
 
-class Skeleton(eqx.Module):
+class Skeleton(Portable):
     """Joint names, tree, offsets and end sites.
 
     **Fields:**

@@ -15,7 +15,7 @@ import jaxmotion
 
 PACKAGE = Path(jaxmotion.__file__).parent
 FLOORS = (
-    ("_types", "_numerics", "_lazy"),
+    ("_types", "_numerics", "_checks", "_portable", "_lazy"),
     ("quaternion", "linalg"),
     ("skeleton", "motion", "kinematics", "displacement", "confine", "io", "samples"),
     ("smoothing", "timing"),

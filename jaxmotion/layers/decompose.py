@@ -27,6 +27,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
+from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.motion import Motion
@@ -40,7 +41,7 @@ _TOP_PRODUCT = 1e6
 RUNGS = 1 + int(np.floor(np.log(_TOP_PRODUCT / (_LAM_0 * _SIGMA_0)) / np.log(_RATIO**2)))
 
 
-class MotionLayers(eqx.Module):
+class MotionLayers(Portable):
     """``base`` ⊕ ``control`` ⊕ ``residual`` is the motion that was decomposed.
 
     **Fields:** ``base``: Motion; ``control``, ``residual``: Displacements f[T, J, 3] each;

@@ -47,8 +47,10 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from jaxmotion._portable import Portable
 
-class DifferenceChain(eqx.Module):
+
+class DifferenceChain(Portable):
     """The matrix P of the quadratic form above: ``p, n0, n1, n2``, each ``(T, *k)``."""
 
     curvature: Float[Array, "frames ..."] = eqx.field(converter=jnp.asarray)

@@ -25,6 +25,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
@@ -49,7 +50,7 @@ _SMALLEST_BASE = 4  # frames that a cubic needs
 _DEEPEST = 6  # default levels: 64 frames between those of the base
 
 
-class Pyramid(eqx.Module):
+class Pyramid(Portable):
     """A motion as base and details.
 
     **Fields:** ``base``: Motion of k frames, 2ᴺ times the frame time; ``details``: N
