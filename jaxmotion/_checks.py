@@ -102,16 +102,27 @@ def _mode() -> str:
 @eqx.filter_jit
 def _checked(x: Any, holds: list[Array], texts: tuple[str, ...], mode: str) -> Any:
     stop = functools.reduce(jnp.logical_or, holds) if mode == "nan" else _report(texts, mode)(holds)
-    arrays, others = eqx.partition(x, eqx.is_inexact_array if mode == "nan" else eqx.is_array)
-    return eqx.combine(jax.tree.map(lambda leaf: _spoilt(leaf, stop), arrays), others)
+    values, others = eqx.partition(x, eqx.is_inexact_array)
+    if mode != "nan":  # one branch of the two for all: no pass over the values
+        others = jax.tree.map(lambda leaf: _held(leaf, stop), others)
+        return eqx.combine(_held_together(values, stop), others)
+    return eqx.combine(jax.tree.map(lambda leaf: _spoilt(leaf, stop), values), others)
 
 
 @jax.custom_jvp
 def _spoilt(x: Array, stop: Array) -> Array:
     """x, not a number if ``stop``; a derivative passes as it is."""
-    if not jnp.issubdtype(x.dtype, jnp.inexact):
-        return jnp.where(stop, jnp.zeros((), x.dtype), x)
     return jnp.where(stop, jnp.asarray(jnp.nan, x.dtype), x)
+
+
+@jax.custom_jvp
+def _held_together(values: Any, stop: Array) -> Any:
+    """The values, once ``stop`` is known, which is False; a derivative passes as it is."""
+    return jax.lax.cond(stop, lambda x: jax.tree.map(jnp.zeros_like, x), lambda x: x, values)
+
+
+def _held(leaf: Any, stop: Array) -> Any:
+    return jnp.where(stop, jnp.zeros((), leaf.dtype), leaf) if eqx.is_array(leaf) else leaf
 
 
 @_spoilt.defjvp
@@ -119,8 +130,13 @@ def _spoilt_jvp(primals, tangents):
     return _spoilt(*primals), tangents[0]
 
 
+@_held_together.defjvp
+def _held_together_jvp(primals, tangents):
+    return _held_together(*primals), tangents[0]
+
+
 @functools.lru_cache(maxsize=256)
-def _report(texts: tuple[str, ...], mode: str):
+def _report(texts: tuple[str, ...], mode: Any):
     """A function of bool[*batch] of every fault that stops the program where one holds, and returns
     False. Mapped over a batch it is called once, with the axis in front: it sees all elements.
     """

@@ -35,14 +35,14 @@ class Portable(eqx.Module):
 
     # A copy in the same process is no journey: arrays stay where they are.
     def __copy__(self):
-        return self._holding(dict(self.__dict__))
+        return self._holding(dict(vars(self)))
 
     def __deepcopy__(self, memo):
-        return self._holding(copy.deepcopy(self.__dict__, memo))
+        return self._holding(copy.deepcopy(dict(vars(self)), memo))
 
     def _holding(self, values: dict[str, Any]):
         new = object.__new__(type(self))
-        new.__dict__.update(values)
+        vars(new).update(values)
         return new
 
     def __sizeof__(self) -> int:
