@@ -9,7 +9,8 @@ Conventions, the same in every room:
 - Radians and seconds; lengths in the file's own unit, never rescaled silently; Y up unless the file
   says otherwise (BVH and ASF cannot: ``load(up=...)``, :func:`reorient`).
 - dtype in = dtype out, float32 or float64. Importing changes no global setting.
-- Wrong shapes and static values raise ``ValueError``; traced trouble raises at run time.
+- Wrong shapes and static values raise ``ValueError``; traced trouble raises at run time, or
+  becomes NaN, as :func:`jaxmotion.checks` says.
 - Discrete choices (signs, warp paths, neighbours, thresholds) pass no gradient.
 
 Names load on first use, so that ``jaxmotion --help`` does not wait for JAX.
@@ -46,6 +47,7 @@ _HOMES = {
     "forward_kinematics": "kinematics",
     "velocities": "kinematics",
     "MotionLayers": "layers",
+    "checks": "_checks",
     "decompose": "layers",
     "denoise": "layers",
     "joint_weights": "layers",
@@ -72,6 +74,7 @@ if TYPE_CHECKING:
         spacetime,
         timing,
     )
+    from jaxmotion._checks import checks
     from jaxmotion.axes import UpGuess, guess_up, reorient
     from jaxmotion.io import load, save
     from jaxmotion.kinematics import facing_direction, forward_kinematics, velocities
@@ -93,6 +96,7 @@ __all__ = [
     "MotionLayers",
     "Skeleton",
     "UpGuess",
+    "checks",
     "contacts",
     "decompose",
     "denoise",

@@ -7,26 +7,8 @@ Symbols: θ is an angle in radians, x = θ². Series are cut where the next term
 rounding error of the dtype, at x < eps^(1/3).
 """
 
-from collections.abc import Sequence
-from typing import TypeAlias, TypeVar
-
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
-
-Fault: TypeAlias = tuple[Bool[Array, ""], str]
-Tree = TypeVar("Tree")
-
-
-def raise_faults(x: Tree, faults: Sequence[Fault]) -> Tree:
-    """``x``, unless one of the faults holds when it is computed: the first such is the error.
-
-    One check for all: each check by itself is a callback to trace and compile.
-    """
-    if not faults:
-        return x
-    bad = jnp.stack([holds for holds, _ in faults])
-    return eqx.branched_error_if(x, jnp.any(bad), jnp.argmax(bad), [text for _, text in faults])
+from jaxtyping import Array, Float
 
 
 def series_switch(dtype) -> float:
@@ -35,9 +17,9 @@ def series_switch(dtype) -> float:
 
 
 def safe_sqrt(x: Float[Array, "..."], floor: float = 0.0) -> Float[Array, "..."]:
-    """√x for x ≥ 0 with value and derivative 0, not infinity, where x ≤ ``floor``."""
-    positive = x > floor
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, x, 1.0)), 0.0)
+    """√x for x ≥ 0 with value and derivative 0, not infinity, where x ≤ ``floor``; NaN of NaN."""
+    flat = x <= floor
+    return jnp.where(flat, 0.0, jnp.sqrt(jnp.where(flat, 1.0, x)))
 
 
 def rounding_angle(dtype) -> float:

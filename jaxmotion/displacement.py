@@ -17,6 +17,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion import between, conjugate, exp, exp_half, log, log_half, multiply, rotate
@@ -24,7 +25,7 @@ from jaxmotion.quaternion import between, conjugate, exp, exp_half, log, log_hal
 Sense: TypeAlias = Literal["world", "body"]
 
 
-class Displacement(eqx.Module):
+class Displacement(Portable):
     """``translations`` f[T, J, 3] (file unit), ``rotations`` f[T, J, 3] (rotation vectors: full
     angle in the world sense, half in the body sense), ``sense`` static."""
 

@@ -30,6 +30,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
+from jaxmotion._portable import Portable
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion.algebra import multiply, normalized, product, rotated
 from jaxmotion.skeleton import Skeleton, levels_of
@@ -37,7 +38,7 @@ from jaxmotion.skeleton import Skeleton, levels_of
 Lanes = Float[Array, "joint _ #time"]
 
 
-class WorldPose(eqx.Module):
+class WorldPose(Portable):
     """Where every joint is: ``positions`` f[T, J, 3] (file unit), ``rotations`` f[T, J, 4] (unit),
     ``end_positions`` f[T, E, 3] of the skeleton's end sites."""
 
@@ -232,7 +233,7 @@ def _sum_over_ancestors(parents: tuple[int, ...], x: Lanes) -> Lanes:
     )
 
 
-class WorldVelocity(eqx.Module):
+class WorldVelocity(Portable):
     """``linear`` f[T, J, 3] (file unit a second) and ``angular`` f[T, J, 3] (radians a second),
     both in world axes."""
 

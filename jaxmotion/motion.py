@@ -12,11 +12,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion._file_facts import file_fact
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, Scalar
 from jaxmotion.skeleton import Skeleton
 
 
-class Motion(eqx.Module):
+class Motion(Portable):
     """A clip. Slice it along time: ``motion[10:90]``, ``motion[::2]`` (the frame time doubles).
 
     **Fields:**

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxmotion._file_facts import file_fact
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
 
 DEFAULT_ROOT_CHANNELS = (
@@ -63,7 +64,7 @@ class AsfBone(eqx.Module):
     limits: tuple[tuple[float, float], ...] = eqx.field(static=True, default=())
 
 
-class Skeleton(eqx.Module):
+class Skeleton(Portable):
     """Joint names, tree, offsets and end sites.
 
     **Fields:**

@@ -16,7 +16,7 @@ import jaxmotion
 
 PACKAGE = Path(jaxmotion.__file__).parent
 FLOORS = (
-    ("_types", "_numerics", "_lazy", "_plain", "_file_facts"),
+    ("_types", "_numerics", "_checks", "_portable", "_lazy", "_plain", "_file_facts"),
     ("quaternion", "linalg"),
     ("skeleton", "motion", "kinematics", "displacement", "confine", "axes", "io", "samples"),
     ("smoothing", "timing"),

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
@@ -26,7 +27,7 @@ FREE, POINT, LINE, PLANE = 0, 1, 2, 3
 Limb = tuple[int, int, int]
 
 
-class ContactPoints(eqx.Module):
+class ContactPoints(Portable):
     """Points of the body that may touch something.
 
     **Fields:**
@@ -82,7 +83,7 @@ class ContactPoints(eqx.Module):
         return pose.positions[:, index] + offset
 
 
-class Contacts(eqx.Module):
+class Contacts(Portable):
     """When and where the points touch; the module has the equation.
 
     **Fields:**

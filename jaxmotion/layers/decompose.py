@@ -21,7 +21,6 @@ one after the other, each O(T·J).
 
 from typing import Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,6 +28,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
 from jaxmotion._file_facts import compiled
+from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.motion import Motion
@@ -42,7 +42,7 @@ _TOP_PRODUCT = 1e6
 RUNGS = 1 + int(np.floor(np.log(_TOP_PRODUCT / (_LAM_0 * _SIGMA_0)) / np.log(_RATIO**2)))
 
 
-class MotionLayers(eqx.Module):
+class MotionLayers(Portable):
     """``base`` ⊕ ``control`` ⊕ ``residual`` is the motion that was decomposed.
 
     **Fields:** ``base``: Motion; ``control``, ``residual``: Displacements f[T, J, 3] each;

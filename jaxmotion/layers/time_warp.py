@@ -26,6 +26,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion, spacetime
+from jaxmotion._checks import raise_faults, require
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts, detect
@@ -180,7 +181,7 @@ def _knots_of_pairs(pairs: ArrayLike, motion: Motion) -> tuple[Array, Array]:
     wrong = wrong | (known[-1, 0] > end + _NEARLY)
     message = "time_warp: pairs must increase in both columns, from 0 to the end of the clip"
     if traced:
-        known = eqx.error_if(known, wrong, message)
+        known = raise_faults(known, [(wrong, message)])
     elif wrong:
         raise ValueError(f"{message}, {end * frame_time:g} s; got {np.asarray(pairs).tolist()}")
     source, warped = jnp.asarray(known, motion.dtype).T
@@ -195,11 +196,7 @@ def _ease_in_frames(ease: Sequence[ScalarLike], frame_time: Array, duration: Arr
     message = (
         "time_warp: ease must be 0 or more seconds, together at most twice the clip's duration"
     )
-    if isinstance(long, Tracer) or isinstance(negative, Tracer):
-        return [eqx.error_if(e, negative | long, message) for e in eases]
-    if negative or long:
-        raise ValueError(f"{message}; got {tuple(ease)}")
-    return eases
+    return require(eases, negative | long, message, got=ease)
 
 
 def _concrete(duration: ScalarLike) -> float:
@@ -211,8 +208,4 @@ def _concrete(duration: ScalarLike) -> float:
 def _checked_amount(amount: ScalarLike, dtype) -> Array:
     message = "time_warp: amount must be 0 or more"
     value = jnp.asarray(amount, dtype)
-    if isinstance(value, Tracer):
-        return eqx.error_if(value, ~(value >= 0), message)
-    if not 0 <= float(value) < np.inf:
-        raise ValueError(f"{message}, got {amount}")
-    return value
+    return require(value, ~((value >= 0) & (value < np.inf)), message, got=amount)

@@ -28,6 +28,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import raise_faults
 from jaxmotion._types import AnyArray
 
 
@@ -48,7 +49,7 @@ def banded_factor(bands: Float[Array, "n band *k"], *, throw: bool = True) -> Ba
     if throw:
         bad = ~jnp.all(factor.pivots > 0)
         message = "bands: the banded matrix is not positive definite"
-        factor = eqx.tree_at(lambda f: f.pivots, factor, eqx.error_if(factor.pivots, bad, message))
+        factor = raise_faults(factor, [(bad, message)])
     return factor
 
 

@@ -35,6 +35,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import raise_faults
+
 _LARGEST_UNROLLED = 4
 
 
@@ -56,7 +58,7 @@ def block_banded_factor(
     if throw:
         bad = ~jnp.all(jnp.isfinite(factor.roots))
         message = "blocks: the block-banded matrix is not positive definite"
-        factor = eqx.tree_at(lambda f: f.roots, factor, eqx.error_if(factor.roots, bad, message))
+        factor = raise_faults(factor, [(bad, message)])
     return factor
 
 

@@ -64,8 +64,10 @@ from jax import lax
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float, PRNGKeyArray
 
+from jaxmotion._portable import Portable
 
-class DifferenceChain(eqx.Module):
+
+class DifferenceChain(Portable):
     """The coefficients ``p, n, g, r`` of the quadratic form above, each ``(T, *k)``."""
 
     curvature: Float[Array, "frames ..."] = eqx.field(converter=jnp.asarray)

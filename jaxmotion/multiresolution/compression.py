@@ -21,6 +21,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._file_facts import compiled, file_fact
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
@@ -44,7 +45,7 @@ from jaxmotion.multiresolution.pyramid import Pyramid, chains, level_count
 _LARGEST_CODE = 2**31 - 1
 
 
-class CompressedMotion(eqx.Module):
+class CompressedMotion(Portable):
     """A base and integers.
 
     **Fields:** ``base``: Motion; ``codes``: per level, coarse to fine, (translations i[n, P, 3] of

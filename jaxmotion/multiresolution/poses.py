@@ -2,13 +2,12 @@
 
 from typing import TypeAlias
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import require
 from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
@@ -127,12 +126,7 @@ def checked_times(
             f"{caller}: times has shape {np.shape(times)}; expected ({frames},), one a frame"
         )
     times = jnp.asarray(times, dtype)
-    wrong = jnp.any(~(times[1:] > times[:-1]))
-    message = f"{caller}: times must increase from frame to frame"
     if padded:
         return times
-    if isinstance(wrong, Tracer):
-        return eqx.error_if(times, wrong, message)
-    if bool(wrong):
-        raise ValueError(message)
-    return times
+    wrong = jnp.any(~(times[1:] > times[:-1]))
+    return require(times, wrong, f"{caller}: times must increase from frame to frame")

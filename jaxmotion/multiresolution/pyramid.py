@@ -26,6 +26,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxmotion._file_facts import compiled, file_fact
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
@@ -50,7 +51,7 @@ _SMALLEST_BASE = 4  # frames that a cubic needs
 _DEEPEST = 6  # default levels: 64 frames between those of the base
 
 
-class Pyramid(eqx.Module):
+class Pyramid(Portable):
     """A motion as base and details.
 
     **Fields:** ``base``: Motion of k frames, 2ᴺ times the frame time; ``details``: N

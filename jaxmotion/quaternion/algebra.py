@@ -81,15 +81,16 @@ def inverse(q: Quaternion) -> Quaternion:
 
 
 def normalize(q: Quaternion) -> Quaternion:
-    """q/‖q‖. The zero quaternion, which is no rotation, becomes the identity (gradient 0).
+    """q/‖q‖. The zero quaternion, which is no rotation, becomes the identity (gradient 0); one that
+    holds NaN stays NaN.
 
     **Arguments:** ``q``: (..., 4). **Returns:** (..., 4), unit.
     """
     q = jnp.asarray(q)
     norm = safe_norm(q, keepdims=True)
-    usable = norm > 0
-    unit = q / jnp.where(usable, norm, 1.0)
-    return jnp.where(usable, unit, identity(dtype=q.dtype))
+    zero = norm == 0
+    unit = q / jnp.where(zero, 1.0, norm)
+    return jnp.where(zero, identity(dtype=q.dtype), unit)
 
 
 def normalized(q: Sequence[Array]) -> tuple[Array, ...]:
@@ -97,9 +98,9 @@ def normalized(q: Sequence[Array]) -> tuple[Array, ...]:
     have a derivative of their own."""
     w, x, y, z = q
     squared = w * w + x * x + y * y + z * z
-    usable = squared > 0
-    scale = jax.lax.rsqrt(jnp.where(usable, squared, 1))
-    return jnp.where(usable, scale * w, 1), scale * x, scale * y, scale * z
+    zero = squared == 0
+    scale = jax.lax.rsqrt(jnp.where(zero, 1, squared))
+    return jnp.where(zero, 1, scale * w), scale * x, scale * y, scale * z
 
 
 def identity(shape: tuple[int, ...] = (), dtype=None) -> Quaternion:

@@ -19,7 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxmotion._numerics import Fault
+from jaxmotion._checks import Fault
+from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg.difference_chain import Knowledge, over
 
@@ -35,7 +36,7 @@ class Readings(NamedTuple):
     push: Array | None
 
 
-class Observations(eqx.Module):
+class Observations(Portable):
     """A and W. ``frame``: e, None for one datum per frame. ``back``: g, None for whole frames.
     ``weights``: None for ones."""
 

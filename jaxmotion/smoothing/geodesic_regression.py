@@ -40,7 +40,9 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._numerics import raise_faults, safe_norm
+from jaxmotion._checks import raise_faults
+from jaxmotion._numerics import safe_norm
+from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
 from jaxmotion.linalg.block_banded import block_banded_factor, block_banded_selected_inverse
 from jaxmotion.linalg.least_squares import BlockBandedCholesky, GaussNewton, probe_blocks
@@ -153,7 +155,7 @@ def _torque(turn: Array, problem: _Problem) -> Array:
     return torque.at[:-1].add(-inverse_jacobian(velocity, push))
 
 
-class GeodesicPosterior(eqx.Module):
+class GeodesicPosterior(Portable):
     """The answer of :func:`geodesic`: the mode, and a Gaussian about it when asked for.
 
     ``mean``: f[Nf, J, 4], unit. ``num_steps``: Gauss-Newton steps taken. ``result``: an
@@ -303,13 +305,13 @@ def _solve(problem: _Problem, throw: bool, joints: tuple[int, ...]) -> GeodesicP
     )
     answer = lax.stop_gradient(frozen.rotations(found.value))
     if throw:
-        answer = eqx.error_if(
-            answer,
-            found.result != optimistix.RESULTS.successful,
+        message = (
             "geodesic: Gauss-Newton did not converge; lam * sigma is too large for the dtype, or "
             "data lie half a turn from the smoothed motion. Use float64, a smaller lam * sigma, "
-            "weights or a robust loss, or throw=False to look at the last iterate",
+            "weights or a robust loss, or throw=False to look at the last iterate"
         )
+        failed = found.result != optimistix.RESULTS.successful
+        answer = raise_faults(answer, [(failed, message)])
     problem = eqx.tree_at(lambda p: p.start, problem, answer)
 
     def tangent_solve(hessian, b):

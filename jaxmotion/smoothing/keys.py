@@ -26,13 +26,15 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jaxmotion._checks import raise_faults
+from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg import DifferenceChain, chain_covariance, chain_factor
 from jaxmotion.linalg.difference_chain import chain_squared_inverse
 from jaxmotion.smoothing.lgs import Posterior
 
 
-class KeySuggestions(eqx.Module):
+class KeySuggestions(Portable):
     """``frames``: best first. ``variance``: of every frame after each of them is observed, with
     channel axes where the posterior's variance has them."""
 
@@ -66,7 +68,7 @@ def suggest_keys(
         if allowed.sum() < n:
             raise ValueError(message)
         return _suggest(posterior, n, jnp.asarray(allowed))
-    return _suggest(posterior, n, eqx.error_if(allowed, jnp.sum(allowed) < n, message))
+    return raise_faults(_suggest(posterior, n, allowed), [(jnp.sum(allowed) < n, message)])
 
 
 @eqx.filter_jit

@@ -46,7 +46,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxmotion._numerics import Fault, raise_faults
+from jaxmotion._checks import Fault, raise_faults
+from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg import (
     DifferenceChain,
@@ -63,7 +64,7 @@ from jaxmotion.linalg.parallel_chain import lost_digits
 from jaxmotion.smoothing.design import Observations, observe
 
 
-class Posterior(eqx.Module):
+class Posterior(Portable):
     """What the smoother knows about every frame.
 
     ``mean (Nf, *channels)`` is there; every other quantity is worked out when asked for, so that a
@@ -165,8 +166,9 @@ def lgs(
 
     Differentiable in y, lam, sigma, weights, stiffness and a fractional index, in both modes.
     Raises ValueError on wrong shapes and on values known to Python to be wrong; values inside JAX
-    arrays raise when computed (``equinox.error_if``): lam, sigma not positive, index outside the
-    frames, data at fewer than two distinct frames (one for order 1), NaN in y at positive weight.
+    arrays raise when computed (:func:`jaxmotion.checks`): lam, sigma not positive, index outside
+    the frames, data at fewer than two distinct frames (one for order 1), NaN in y at positive
+    weight.
     """
     y = _checked_data(y)
     channels = y.shape[1:]

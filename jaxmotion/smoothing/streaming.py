@@ -35,6 +35,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
+from jaxmotion._checks import raise_faults
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg.difference_chain import (
@@ -141,6 +142,8 @@ class StreamingSmoother(eqx.Module):
                 f"frame is {frame.dtype} {frame.shape}: the stream has {state.level.dtype} "
                 f"{state.level.shape}"
             )
+        given = jnp.asarray(weight)
+        odd = ~jnp.all((given >= 0) & jnp.isfinite(given))
         weight = self._weight(weight, frame, state.curvature.shape)
         frame = jnp.where(weight > 0, frame, state.reference)
         if self.rotations:
@@ -149,7 +152,11 @@ class StreamingSmoother(eqx.Module):
         state = _observe(_advance(state), frame, weight)
         x, v = _filtered(state)
         u, w = state.gains
-        return state, self._finish(state.level + state.offset[0] + u[0] * x + w[0] * v)
+        late = self._finish(state.level + state.offset[0] + u[0] * x + w[0] * v)
+        # Everything that the stream returns from here on is relative to its level.
+        faults = [(odd, "weight must be finite and >= 0")]
+        level, late = raise_faults((state.level, late), faults)
+        return eqx.tree_at(lambda s: s.level, state, level), late
 
     @jax.jit
     def flush(self, state: StreamState) -> Float[Array, "lag *channels"]:
@@ -203,7 +210,6 @@ class StreamingSmoother(eqx.Module):
                 "has its own gains"
             )
         w = jnp.asarray(weight, frame.dtype)
-        w = eqx.error_if(w, ~jnp.all((w >= 0) & jnp.isfinite(w)), "weight must be finite and >= 0")
         shared = tuple(axis for axis, size in enumerate(k) if size == 1)
         whole = jnp.all(jnp.isfinite(frame), axis=shared, keepdims=True)
         w = self._spread(w, frame.ndim)
@@ -271,6 +277,5 @@ def _checked(name: str, value: ArrayLike) -> Array:
         if not np.all((value > 0) & np.isfinite(value)):
             raise ValueError(f"{name} must be positive and finite, got {value}")
         value = jnp.asarray(value, jnp.result_type(float))
-    return eqx.error_if(
-        value, ~jnp.all((value > 0) & jnp.isfinite(value)), f"{name} must be positive and finite"
-    )
+    bad = ~jnp.all((value > 0) & jnp.isfinite(value))
+    return raise_faults(value, [(bad, f"{name} must be positive and finite")])

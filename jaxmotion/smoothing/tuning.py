@@ -30,6 +30,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.lgs import Posterior, lgs
@@ -46,7 +47,7 @@ _BISECTIONS = 9
 _FOLDS = 5
 
 
-class Tuning(eqx.Module):
+class Tuning(Portable):
     """``lam``, ``sigma``: what to give the smoother, shaped by ``per``: f[] for "clip", f[J] for
     "joint" (the first channel axis), f[*channels] for "channel"; ``score``: the criterion there."""
 
@@ -55,7 +56,7 @@ class Tuning(eqx.Module):
     score: Float[Array, "..."]
 
 
-class MotionTuning(eqx.Module):
+class MotionTuning(Portable):
     """One :class:`Tuning` for ``rotations`` (σ in half angles about each axis) and one for
     ``translations`` (σ in file units), f[J] each or f[] for "clip". Joints that are not translated
     get λ = σ = 1."""

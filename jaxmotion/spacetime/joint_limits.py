@@ -10,18 +10,18 @@ them (or a share), widened by a margin. The root turns freely. Cost O(T J log T)
 from collections.abc import Sequence
 from functools import partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion, ScalarLike
 from jaxmotion.motion import Motion
 
 
-class JointLimits(eqx.Module):
+class JointLimits(Portable):
     """``lower`` and ``upper`` f[J, 3] in radians about ``centre`` f[J, 4] (unit).
 
     **Raises:** ``ValueError`` for shapes that do not fit.

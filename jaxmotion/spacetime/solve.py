@@ -39,8 +39,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxmotion._checks import poisoned, raise_faults
 from jaxmotion._file_facts import compiled
-from jaxmotion._numerics import raise_faults, safe_norm
+from jaxmotion._numerics import safe_norm
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.contacts import Contacts, limb_lengths
 from jaxmotion.motion import Motion
@@ -74,7 +76,7 @@ class Weights(eqx.Module):
     root: ScalarLike = 4.0
 
 
-class Report(eqx.Module):
+class Report(Portable):
     """How well it went.
 
     **Fields:**
@@ -184,7 +186,8 @@ def _satisfy(motion, contacts, limits, floor, weights, ramp, method, tolerance, 
         )
     translations = motion.translations.at[:, 0].set(moved.translations[:, 0])
     answer = motion.with_transforms(translations, rotations)
-    return answer, _report(answer, contacts, target, limits, floor, solution)
+    # Steps that are not finite are not taken: of a fault nothing is seen in the answer.
+    return poisoned((answer, _report(answer, contacts, target, limits, floor, solution)), faults)
 
 
 class _Solution(eqx.Module):

@@ -19,7 +19,6 @@ A pairing is discrete: derivatives reach the copy through the poses that are rea
 
 from typing import Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,7 +26,9 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
+from jaxmotion._checks import require
 from jaxmotion._numerics import safe_sqrt
+from jaxmotion._portable import Portable
 from jaxmotion._types import ScalarLike
 from jaxmotion.linalg import banded_solve
 from jaxmotion.motion import Motion
@@ -37,7 +38,7 @@ from jaxmotion.timing.motion_warping import motion_warping
 from jaxmotion.timing.resample import even_reading, read_motion
 
 
-class Alignment(eqx.Module):
+class Alignment(Portable):
     """A clip in the timing of another.
 
     **Fields:** ``motion``: the source read for every frame of the reference, at its frame time;
@@ -94,8 +95,9 @@ def align(
             x_length=n,
             y_length=m,
         )
-        path, length = warp.path, _found(warp.length)
-    settle = jnp.asarray(settle, source.dtype)
+        path, length = warp.path, warp.length
+    message = "align: the step pattern and window leave no path between clips of these lengths"
+    settle, length = require((jnp.asarray(settle, source.dtype), length), length == 0, message)
     at, distance = _source_times(jnp.asarray(x), jnp.asarray(y), path, length, n, m, settle)
     at = at[: reference.num_frames]
     reading = even_reading(at, source.num_frames, source.dtype)
@@ -124,15 +126,6 @@ def _channels(x: Array, y: Array) -> tuple[Array, ...]:
     agree = jnp.sum(jnp.mean(x, axis=0) * jnp.mean(y, axis=0), axis=-1, keepdims=True)
     x = jnp.where(agree < 0, -x, x)
     return tuple((q - jnp.mean(q, axis=0)).reshape(q.shape[0], -1) for q in (x, y))
-
-
-def _found(length: Array) -> Array:
-    message = "align: the step pattern and window leave no path between clips of these lengths"
-    if isinstance(length, Tracer):
-        return eqx.error_if(length, length == 0, message)
-    if int(length) == 0:
-        raise ValueError(message)
-    return length
 
 
 @jax.jit

@@ -27,13 +27,14 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.timing.accumulate import accumulator, choice_radix
 from jaxmotion.timing.frame_distance import Metric, local_cost
 from jaxmotion.timing.step_patterns import StepPattern, step_pattern_named
 
 
-class WarpPath(eqx.Module):
+class WarpPath(Portable):
     """The pairing found: cell ``path[t] = (frame of x, frame of y)`` for ``t < length``.
 
     Entries from ``length`` on repeat the last cell. ``cost`` is ∞ and ``length`` 0 where no path

@@ -39,11 +39,12 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
 from jaxmotion.timing.frame_distance import frame_distance
 
 
-class MotionWarp(eqx.Module):
+class MotionWarp(Portable):
     """What :func:`motion_warping` found; without a shared warp every field ends in a channel axis.
 
     Attributes:

@@ -38,6 +38,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
+from jaxmotion._checks import raise_faults
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.motion import Motion
@@ -265,7 +266,7 @@ def _reading_of_keys(index: ArrayLike, keys: int, num_frames: int | None, dtype)
     if traced:
         knots = knots.astype(dtype)
         bad = jnp.any(jnp.diff(knots) <= 0) | ~jnp.all(jnp.isfinite(knots))
-        knots = eqx.error_if(knots, bad, "resample: index must increase strictly")
+        knots = raise_faults(knots, [(bad, "resample: index must increase strictly")])
     elif not (np.all(np.diff(knots) > 0) and np.all(np.isfinite(knots))):
         raise ValueError("resample: index must increase strictly")
     count = frames_within(float(knots[-1])) if num_frames is None else num_frames

@@ -1,0 +1,197 @@
+"""Run-time checks: what a wrong value does, everywhere in the package.
+
+A value that is known, of Python, NumPy or JAX, is a ``ValueError``: :func:`require`. One that is
+traced is only known when the program runs, and then the setting decides (:func:`checks`):
+
+    "raise"   the program stops with the message (``equinox.EquinoxRuntimeError``; under a
+              ``jax.jit`` of your own, JAX's ``JaxRuntimeError``), which under ``vmap`` names the
+              batch element; costs a callback to the host, so that the program can be neither
+              exported nor kept in the compilation cache
+    "nan"     what the function computes from the faulty element is NaN, other elements of a batch
+              keep their values; whole numbers, and what was chosen from a list, stay as they came
+    "off"     nothing
+
+Under ``vmap`` JAX computes both branches of a ``lax.cond``, so that "raise" stops for what is wrong
+in the branch that is thrown away too; with "nan" nothing is left of it.
+
+A batch spread over a mesh whose axes are explicit, which is what ``jax.make_mesh`` makes, is for
+``jax.shard_map(jax.vmap(f), ..., check_vma=False)``: JAX refuses loops that end at another time for
+each element of a sharded axis ("Resource axis .. is not found in mesh").
+"""
+
+import dataclasses
+import functools
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Literal, TypeAlias, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool
+
+Mode: TypeAlias = Literal["raise", "nan", "off"]
+Fault: TypeAlias = tuple[Bool[Array, ""], str]
+Tree = TypeVar("Tree")
+
+_MODES = ("raise", "nan", "off")
+_FROM_OUTSIDE = os.environ.get("EQX_ON_ERROR", "raise")
+# Part of the key of every cache of JAX: a function traced under one setting is traced again under
+# another, whoever compiled it.
+_chosen = jax.make_user_context(None)
+
+
+@contextmanager
+def checks(mode: Mode) -> Iterator[None]:
+    """Inside this ``with``, what faults do that only show when a compiled program runs.
+
+        with jaxmotion.checks("nan"):
+            exported = jax.export.export(jax.jit(jaxmotion.denoise))(motion)
+
+    **Arguments:** ``mode``: "raise" stops with the message, which names the element of a batch;
+    "nan" makes what the function computes from that element NaN; "off" looks for nothing. Programs
+    under "nan" and "off" call nothing on the host: they can be exported, and the persistent
+    compilation cache keeps them. Otherwise the environment variable ``EQX_ON_ERROR`` decides, as
+    for equinox, "raise" by default.
+
+    Read when a function is traced, of the current thread; JAX traces again for another mode, your
+    own ``jax.jit`` too. Arguments known to Python raise ``ValueError`` in every mode.
+    **Raises:** ``ValueError`` for another mode.
+    """
+    if mode not in _MODES:
+        raise ValueError(f"checks: mode={mode!r}; expected 'raise', 'nan' or 'off'")
+    with _chosen(mode):
+        yield
+
+
+def require(value: Tree, bad: Any, text: str, *, got: Any = None) -> Tree:
+    """``value``, unless ``bad`` (Python, NumPy or JAX, scalar) holds: ``ValueError`` where that is
+    known, with ``got``, else as :func:`raise_faults`."""
+    if isinstance(bad, Tracer):
+        return raise_faults(value, [(bad, text)])
+    if bool(bad):
+        raise ValueError(text if got is None else f"{text}, got {got}")
+    return value
+
+
+def raise_faults(x: Tree, faults: Sequence[Fault]) -> Tree:
+    """``x``, unless one of the faults holds when it is computed: the first such is the error.
+
+    One check for all: each check by itself is a callback to trace and compile. Under "nan" the
+    floating-point arrays of ``x`` become NaN: let it be what every result is made of.
+    """
+    mode = _mode()
+    if not faults or mode == "off":
+        return x
+    return _checked(x, [holds for holds, _ in faults], tuple(text for _, text in faults), mode)
+
+
+def poisoned(x: Tree, faults: Sequence[Fault]) -> Tree:
+    """``x``, NaN under "nan" where one of the faults holds; for results that do not depend on what
+    went through :func:`raise_faults`."""
+    return _checked(x, [holds for holds, _ in faults], (), "nan") if _mode() == "nan" else x
+
+
+def _mode() -> str:
+    return _chosen.value or _FROM_OUTSIDE
+
+
+@eqx.filter_jit
+def _checked(x: Any, holds: list[Array], texts: tuple[str, ...], mode: str) -> Any:
+    stop = functools.reduce(jnp.logical_or, holds) if mode == "nan" else _report(texts, mode)(holds)
+    values, others = eqx.partition(x, eqx.is_inexact_array)
+    if mode != "nan":  # one branch of the two for all: no pass over the values
+        others = jax.tree.map(lambda leaf: _held(leaf, stop), others)
+        return eqx.combine(_held_together(values, stop), others)
+    return eqx.combine(jax.tree.map(lambda leaf: _spoilt(leaf, stop), values), others)
+
+
+@jax.custom_jvp
+def _spoilt(x: Array, stop: Array) -> Array:
+    """x, not a number if ``stop``; a derivative passes as it is."""
+    return jnp.where(stop, jnp.asarray(jnp.nan, x.dtype), x)
+
+
+@jax.custom_jvp
+def _held_together(values: Any, stop: Array) -> Any:
+    """The values, once ``stop`` is known, which is False; a derivative passes as it is."""
+    return jax.lax.cond(stop, lambda x: jax.tree.map(jnp.zeros_like, x), lambda x: x, values)
+
+
+def _held(leaf: Any, stop: Array) -> Any:
+    return jnp.where(stop, jnp.zeros((), leaf.dtype), leaf) if eqx.is_array(leaf) else leaf
+
+
+@_spoilt.defjvp
+def _spoilt_jvp(primals, tangents):
+    return _spoilt(*primals), tangents[0]
+
+
+@_held_together.defjvp
+def _held_together_jvp(primals, tangents):
+    return _held_together(*primals), tangents[0]
+
+
+@functools.lru_cache(maxsize=256)
+def _report(texts: tuple[str, ...], mode: Any):
+    """A function of bool[*batch] of every fault that stops the program where one holds, and returns
+    False. Mapped over a batch it is called once, with the axis in front: it sees all elements.
+    """
+
+    @jax.custom_batching.custom_vmap
+    def report(holds):
+        batch = holds[0].shape
+        all_codes = int(np.prod(batch)) * len(holds)
+        # In one number: the first fault of the first element that has one, and how many have.
+        codes = np.arange(all_codes, dtype=np.int32).reshape(*batch, len(holds))
+        first = functools.reduce(
+            jnp.minimum,
+            [
+                jnp.min(jnp.where(h, codes[..., i], np.int32(all_codes)))
+                for i, h in enumerate(holds)
+            ],
+        )
+        bad = functools.reduce(jnp.logical_or, holds)
+        others = jnp.sum(bad, dtype=np.int32) - np.int32(1)
+        most = np.int32(np.iinfo(np.int32).max // max(all_codes, 1) - 1)
+        code = first + np.int32(all_codes) * jnp.minimum(others, most)
+        messages: Any = _Messages(texts, batch)
+        return eqx.branched_error_if(
+            jnp.zeros((), bool), jnp.any(bad), code, messages, on_error=mode
+        )
+
+    @report.def_vmap
+    def _(axis_size, in_batched, holds):
+        (batched,) = in_batched
+        everywhere = [
+            h if its else jnp.broadcast_to(h, (axis_size, *h.shape))
+            for h, its in zip(holds, batched, strict=True)
+        ]
+        return report(everywhere), False
+
+    return report
+
+
+@dataclasses.dataclass(frozen=True)
+class _Messages(Sequence):
+    """The message of every code of :func:`_report`."""
+
+    texts: tuple[str, ...]
+    batch: tuple[int, ...]
+
+    def __len__(self) -> int:
+        return np.iinfo(np.int32).max
+
+    def __getitem__(self, code: int) -> str:  # type: ignore[override]
+        elements = int(np.prod(self.batch))
+        others, first = divmod(int(code), elements * len(self.texts))
+        element, fault = divmod(first, len(self.texts))
+        if not self.batch:
+            return self.texts[fault]
+        where = tuple(int(i) for i in np.unravel_index(element, self.batch))
+        place = where[0] if len(where) == 1 else where
+        more = f", and {others} more of {elements}" if others else f" of {elements}"
+        return f"{self.texts[fault]} (batch element {place}{more})"

@@ -1,0 +1,334 @@
+"""Run-time checks: what they say, of which element of a batch; programs without them travel."""
+
+import os
+import subprocess
+import sys
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxmotion import Motion, checks, decompose, denoise, quaternion, stylize
+from jaxmotion._checks import poisoned, raise_faults, require
+from jaxmotion.layers import time_warp
+from jaxmotion.multiresolution import build_pyramid
+from jaxmotion.smoothing import StreamingSmoother, geodesic, lgs, suggest_keys
+from tests.helpers import no_shape_checks, random_skeleton
+
+
+def clip(seed=0, frames=12, joints=3, dtype=np.float64) -> Motion:
+    rng = np.random.default_rng(seed)
+    turns = np.cumsum(0.1 * rng.standard_normal((frames, joints, 3)), axis=0)
+    turns += 0.02 * rng.standard_normal(turns.shape)
+    skeleton = random_skeleton(np.random.default_rng(1), joints, dtype=dtype)
+    path = jnp.asarray(np.cumsum(rng.standard_normal((frames, 3)), axis=0), dtype)
+    return Motion.from_root(skeleton, path, quaternion.exp(jnp.asarray(turns, dtype)), 1 / 30)
+
+
+def stacked(clips):
+    return jax.tree.map(lambda *x: jnp.stack(x), *clips)
+
+
+def computed(tree):
+    """Floating-point arrays that depend on the data."""
+    if isinstance(tree, Motion):
+        return [tree.rotations, tree.translations[..., list(tree.translated_joints), :]]
+    return [x for x in jax.tree.leaves(tree) if jnp.issubdtype(x.dtype, jnp.inexact)]
+
+
+def total(x, limit):
+    """A function with two checks."""
+    faults = [(jnp.any(x < 0), "x is negative"), (jnp.sum(x) > limit, "x is too much")]
+    return jnp.sum(raise_faults(x, faults))
+
+
+def fault_of(f, *args) -> str:
+    with pytest.raises(eqx.EquinoxRuntimeError) as caught:
+        jax.block_until_ready(eqx.filter_jit(f)(*args))
+    (line,) = (x for x in str(caught.value).splitlines() if "RuntimeError: x is" in x)
+    return line.split("Error: ")[1]
+
+
+def test_a_fault_is_the_error_the_first_of_several():
+    assert total(jnp.ones(3), 5.0) == 3
+    assert fault_of(total, -jnp.ones(3), 5.0) == "x is negative"
+    assert fault_of(total, jnp.ones(3), 2.0) == "x is too much"
+    assert fault_of(total, -jnp.ones(3), -4.0) == "x is negative"
+    with pytest.raises(jax.errors.JaxRuntimeError, match="x is too much"):
+        jax.block_until_ready(jax.jit(total)(jnp.ones(3), 2.0))
+
+
+def test_the_element_of_a_batch_is_named():
+    x = jnp.ones((4, 3)).at[2, 1].set(-1)
+    many = jax.vmap(total, (0, None))
+    assert fault_of(many, x, 5.0) == "x is negative (batch element 2 of 4)"
+    assert fault_of(many, x, 2.0) == "x is too much (batch element 0, and 3 more of 4)"
+    x = jnp.ones((2, 4, 3)).at[1, 3].set(2)
+    of_many = jax.vmap(many, (0, None))
+    assert fault_of(of_many, x, 5.0) == "x is too much (batch element (1, 3) of 8)"
+    limits = jax.vmap(total, (None, 0))
+    message = "x is too much (batch element 1 of 2)"
+    assert fault_of(limits, jnp.ones(3), jnp.array([5.0, 2])) == message
+    looped = jax.vmap(lambda x: jax.lax.fori_loop(0, 3, lambda _, s: s + total(x, 5.0), 0.0))
+    assert fault_of(looped, x[1]) == "x is too much (batch element 3 of 4)"
+
+
+def test_of_a_faulty_element_only_the_results_become_nan():
+    x = jnp.ones((4, 3)).at[2, 1].set(-1)
+    with checks("nan"):
+        got = jax.jit(jax.vmap(total, (0, None)))(x, 5.0)
+        np.testing.assert_array_equal(got, [3, 3, np.nan, 3])
+        whole = raise_faults((jnp.arange(2), x), [(jnp.asarray(True), "")])
+    np.testing.assert_array_equal(whole[0], [0, 1])
+    assert np.all(np.isnan(whole[1]))
+    with checks("off"):
+        np.testing.assert_array_equal(jax.vmap(total, (0, None))(x, 5.0), [3, 3, 1, 3])
+
+
+def test_a_branch_not_taken_leaves_nothing():
+    def f(x):
+        return jax.lax.cond(x[0] > 0, lambda: total(x, 5.0), lambda: 7.0)
+
+    with checks("nan"):
+        np.testing.assert_array_equal(jax.vmap(f)(jnp.array([[1.0], [-1]])), [1, 7])
+
+
+def test_another_setting_is_traced_again():
+    traces = []
+
+    @jax.jit
+    def f(x):
+        traces.append(x)
+        return total(x, 5.0)
+
+    x = -jnp.ones(3)
+    for mode, result in (("nan", np.nan), ("off", -3), ("nan", np.nan), ("off", -3)):
+        with checks(mode):
+            np.testing.assert_array_equal(f(x), result)
+    assert len(traces) == 2
+    with pytest.raises(jax.errors.JaxRuntimeError, match="x is negative"):
+        jax.block_until_ready(f(x))
+    with no_shape_checks(), pytest.raises(ValueError, match="mode='quiet'; expected 'raise'"):
+        checks("quiet").__enter__()
+
+
+def test_derivatives_pass_a_check_as_they_are():
+    for mode in ("raise", "nan", "off"):
+        with checks(mode):
+            x = jnp.ones(3)
+            np.testing.assert_array_equal(jax.grad(total)(x, 5.0), x)
+            np.testing.assert_array_equal(jax.jvp(lambda x: total(x, 5.0), (x,), (x,))[1], 3)
+            np.testing.assert_array_equal(jax.vmap(jax.jacfwd(total), (0, None))(x[None], 5.0), [x])
+
+
+def test_what_is_known_is_a_value_error_in_every_mode():
+    for mode in ("raise", "nan", "off"):
+        with checks(mode):
+            for bad in (True, np.True_, jnp.asarray(True)):
+                with pytest.raises(ValueError, match="x is odd, got 3"):
+                    require(3, bad, "x is odd", got=3)
+            assert require(3, jnp.asarray(False), "") == 3
+    assert poisoned(3.0, [(jnp.asarray(True), "")]) == 3
+
+
+# Every public function with a check of its own: what it computes from a faulty element, a fault.
+def _keys(allowed):
+    return suggest_keys(lgs(jnp.arange(6.0) ** 2, 1.0, 1.0), 2, candidates=allowed).variance
+
+
+def _stream(weight):
+    smoother = StreamingSmoother(2.0, 0.5, lag=2)
+    frames = jnp.arange(8.0) ** 2
+    state, late = jax.lax.scan(
+        lambda s, y: smoother.step(s, y, weight), smoother.init(frames[0]), frames
+    )
+    return late, smoother.flush(state)
+
+
+def _pyramid(times):
+    return build_pyramid(clip(), 1, times=times).base.rotations
+
+
+def _timed(method):
+    return lambda pairs: time_warp(clip(), pairs=pairs, num_frames=12, method=method)
+
+
+_TIMES = jnp.arange(12.0)
+_SITES = {
+    "lgs": (lambda s: lgs(jnp.arange(5.0), 1.0, s).mean, jnp.asarray(1.0), jnp.asarray(-1.0)),
+    "keys": (_keys, jnp.ones(6, bool), jnp.arange(6) < 1),
+    "stream": (_stream, jnp.asarray(1.0), jnp.asarray(-1.0)),
+    "pairs": (_timed("lgs"), jnp.array([[0.1, 0.2]]), jnp.array([[0.1, -0.2]])),
+    "pairs by slerp": (_timed("slerp"), jnp.array([[0.1, 0.2]]), jnp.array([[0.1, -0.2]])),
+    "amount": (
+        lambda a: time_warp(clip(), amount=a, num_frames=12),
+        jnp.asarray(0.2),
+        jnp.asarray(-0.2),
+    ),
+    "ease": (
+        lambda e: time_warp(clip(), ease=(e, 0.0), num_frames=12),
+        jnp.asarray(0.1),
+        jnp.asarray(-0.1),
+    ),
+    "pyramid": (_pyramid, _TIMES, _TIMES.at[5].set(2.0)),
+}
+
+
+@pytest.mark.parametrize("site", _SITES)
+def test_every_check_spoils_its_element_and_no_other(site):
+    f, fine, wrong = _SITES[site]
+    with checks("nan"):
+        alone = jax.jit(f)(fine)
+        both = jax.jit(jax.vmap(f))(jnp.stack([fine, wrong]))
+    for want, got in zip(computed(alone), computed(both), strict=True):
+        np.testing.assert_allclose(got[0], want, 1e-9, 1e-9)
+        assert np.all(np.isnan(got[1])), got[1]
+
+
+def _geodesic(motion):
+    return geodesic(motion.rotations, 5.0, 0.1).mean
+
+
+_WHOLE = {
+    "denoise": denoise,
+    "decompose": lambda m: (lambda layers: (layers.base, layers.control))(decompose(m)),
+    "stylize": lambda m: stylize(m, 1.5),
+    "geodesic": _geodesic,
+}
+_whole = pytest.mark.parametrize("name", _WHOLE)
+
+
+@pytest.mark.slow
+@_whole
+def test_a_bad_clip_names_itself_and_leaves_the_others_alone(name):
+    f = eqx.filter_jit(jax.vmap(_WHOLE[name]))
+    clips = [clip(seed) for seed in range(3)]
+    fine = stacked(clips)
+    broken = fine.with_transforms(rotations=fine.rotations.at[1, 4, 1].set(jnp.nan))
+    with checks("nan"):
+        want, got = f(fine), f(broken)
+    parts = want if isinstance(want, tuple) else (want,), got if isinstance(got, tuple) else (got,)
+    for whole, part in zip(*parts, strict=True):
+        for x, y in zip(computed(whole), computed(part), strict=True):
+            np.testing.assert_array_equal(y[::2], x[::2])
+            assert np.all(np.isfinite(x))
+            assert np.all(np.isnan(y[1]))
+    with pytest.raises(eqx.EquinoxRuntimeError, match=r"\(batch element 1 of 3\)"):
+        jax.block_until_ready(f(broken))
+
+
+@pytest.mark.slow
+@_whole
+def test_programs_without_callbacks_are_exported(name, dtype):
+    motion = clip(dtype=dtype)
+
+    def f(translations, rotations):
+        return computed(_WHOLE[name](motion.with_transforms(translations, rotations)))
+
+    if name == "decompose":
+
+        def f(translations, rotations):
+            layers = decompose(motion.with_transforms(translations, rotations))
+            return computed(layers.base) + computed((layers.control, layers.residual))
+
+    args = motion.translations, motion.rotations
+    with checks("nan"):
+        exported = jax.export.export(jax.jit(f))(*args)
+        want = jax.jit(f)(*args)
+    got = exported.call(*args)
+    for x, y in zip(want, got, strict=True):
+        assert y.dtype == dtype
+        np.testing.assert_allclose(y, x, rtol=0, atol=64 * np.finfo(dtype).eps)
+    pytest.importorskip("flatbuffers", reason="exported programs are written with flatbuffers")
+    again = jax.export.deserialize(exported.serialize(vjp_order=1))
+    for x, y in zip(got, again.call(*args), strict=True):
+        np.testing.assert_array_equal(x, y)
+    derivative = jax.jit(
+        jax.grad(lambda r, call: jnp.sum(call(args[0], r)[0] ** 3)), static_argnums=1
+    )
+    with checks("nan"):
+        np.testing.assert_allclose(
+            derivative(args[1], again.call), derivative(args[1], f), 0, 1e4 * np.finfo(dtype).eps
+        )
+
+
+_CACHED = """
+import sys
+import jax
+import numpy as np
+jax.config.update("jax_compilation_cache_dir", sys.argv[1])
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+hits = []
+jax.monitoring.register_event_listener(lambda name, **_: hits.append(name))
+import jaxmotion
+from jaxmotion.smoothing import lgs
+f = jax.jit(lambda y: lgs(y, 1.0, 1.0).mean)
+y = np.ones((20, 3), np.float32)
+hits.clear()
+with jaxmotion.checks(sys.argv[2]):
+    f.lower(y).compile()
+print(hits.count("/jax/compilation_cache/cache_hits"))
+"""
+
+
+def _alone(script, *args, **variables):
+    run = subprocess.run(
+        [sys.executable, "-c", script, *args],
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+    )
+    assert run.returncode == 0, run.stderr
+    return run.stdout.strip()
+
+
+def test_the_compilation_cache_keeps_programs_without_callbacks(tmp_path):
+    hits = [_alone(_CACHED, str(tmp_path), mode) for mode in ("nan", "nan", "raise", "raise")]
+    assert hits == ["0", "1", "0", "0"]
+
+
+def test_the_environment_sets_what_holds_elsewhere():
+    script = """
+import jax, numpy as np
+from jaxmotion.smoothing import lgs
+print(np.isnan(jax.vmap(lambda s: lgs(np.ones(4), 1.0, s).mean)(np.array([1.0, -1]))).all(axis=1))
+"""
+    assert _alone(script, EQX_ON_ERROR="nan") == "[False  True]"
+
+
+_MESH = """
+import jax
+jax.config.update("jax_num_cpu_devices", 2)
+import numpy as np
+import jaxmotion
+from jax.sharding import NamedSharding, PartitionSpec
+from jaxmotion.smoothing import lgs
+mesh = jax.make_mesh((2,), ("clip",), axis_types=(jax.sharding.AxisType.Explicit,))
+y = np.ones((4, 12, 3), np.float32)
+y[3, 1] = np.nan
+spread = jax.device_put(y, NamedSharding(mesh, PartitionSpec("clip")))
+f = jax.jit(jax.vmap(lambda y: lgs(y, 1.0, 1.0).mean))
+with jax.set_mesh(mesh):
+    with jaxmotion.checks("nan"):
+        smooth = f(spread)
+    assert smooth.sharding.spec[0] == "clip", smooth.sharding
+    whole = np.asarray(smooth)
+    try:
+        jax.block_until_ready(f(spread))
+    except jax.errors.JaxRuntimeError as error:
+        print("(batch element 3 of 4)" in str(error))
+np.testing.assert_allclose(whole[:3], 1, rtol=1e-5)
+assert np.isnan(whole[3]).all()
+axis = PartitionSpec("clip")
+f = jax.vmap(lambda y: lgs(y, 1.0, 1.0).mean)
+f = jax.jit(jax.shard_map(f, mesh=mesh, in_specs=axis, out_specs=axis, check_vma=False))
+with jaxmotion.checks("nan"):
+    np.testing.assert_array_equal(np.asarray(f(spread)), whole)
+"""
+
+
+def test_explicit_meshes_are_taken_by_the_batch_axis():
+    assert _alone(_MESH) == "True"
