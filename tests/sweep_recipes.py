@@ -88,6 +88,11 @@ def untraced(run, reason, **more) -> Recipe:
     return recipe(run, moves, dict.fromkeys(("jit", "vmap", "gradients"), reason), **more)
 
 
+def measured(run) -> Recipe:
+    """A metric of concrete clips: NumPy, in float64 whatever the clip."""
+    return recipe(run, skips=dict.fromkeys(("jit", "vmap", "gradients", "dtype"), "NumPy, float64"))
+
+
 def chain(c) -> DifferenceChain:
     """What ``lgs`` solves for order 2, with weights."""
     inside = jnp.ones(c.frames, c.dtype).at[0].set(0).at[-1].set(0)
@@ -145,7 +150,6 @@ ILL_CONDITIONED = {"stiff": {"quotients": "digits are lost as the condition of P
 ITERATED = {"quotients": "an iteration that stops at steps of 1e-5 rad is too coarse for them"}
 CONSTANT = {"quotients": "what is learned or chosen passes no gradient, as documented"}
 MASK = multiresolution.binomial_mask(1)
-NUMPY = "measures concrete clips in NumPy"
 STATIC = "its arguments are static"
 DISCRETE = "its answer is discrete"
 FILES = "reads and writes files"
@@ -383,23 +387,23 @@ RECIPES = {
     "spacetime.satisfy[hierarchical]": recipe(
         lambda f, c: f(c.motion, c.contacts, method="hierarchical"), planted, ITERATED, coarse=1e5
     ),
-    "metrics.bend": untraced(lambda f, c: f(c.motion), NUMPY),
-    "metrics.contact_scores": untraced(lambda f, c: f(c.contacts.mask, c.contacts.mask), NUMPY),
-    "metrics.difference": untraced(lambda f, c: f(c.motion, c.other, world=True), NUMPY),
-    "metrics.duplicate_frames": untraced(lambda f, c: f(c.motion), NUMPY),
-    "metrics.figure_size": untraced(lambda f, c: f(c.motion.skeleton), NUMPY),
-    "metrics.find_problems": untraced(lambda f, c: f(c.motion), NUMPY),
-    "metrics.foot_skate": untraced(lambda f, c: f(c.motion, c.contacts), NUMPY),
-    "metrics.gimbal_margin": untraced(lambda f, c: f(c.motion), NUMPY),
-    "metrics.jerk": untraced(lambda f, c: f(c.motion), NUMPY),
-    "metrics.joint_position_error": untraced(lambda f, c: f(c.motion, c.other), NUMPY),
-    "metrics.penetration": untraced(lambda f, c: f(c.motion, c.contacts.points), NUMPY),
-    "metrics.root_bend": untraced(lambda f, c: f(c.motion), NUMPY),
-    "metrics.rotation_rates": untraced(lambda f, c: f(c.motion), NUMPY),
-    "metrics.sign_flips": untraced(lambda f, c: f(c.motion), NUMPY),
-    "metrics.slides": untraced(lambda f, c: f(c.motion, c.contacts), NUMPY),
-    "metrics.turn": untraced(lambda f, c: f(c.q, c.o), NUMPY),
-    "metrics.world_positions": untraced(lambda f, c: f(c.motion), NUMPY),
+    "metrics.bend": measured(lambda f, c: f(c.motion)),
+    "metrics.contact_scores": measured(lambda f, c: f(c.contacts.mask, c.contacts.mask)),
+    "metrics.difference": measured(lambda f, c: f(c.motion, c.other, world=True)),
+    "metrics.duplicate_frames": measured(lambda f, c: f(c.motion)),
+    "metrics.figure_size": measured(lambda f, c: f(c.motion.skeleton)),
+    "metrics.find_problems": measured(lambda f, c: f(c.motion)),
+    "metrics.foot_skate": measured(lambda f, c: f(c.motion, c.contacts)),
+    "metrics.gimbal_margin": measured(lambda f, c: f(c.motion)),
+    "metrics.jerk": measured(lambda f, c: f(c.motion)),
+    "metrics.joint_position_error": measured(lambda f, c: f(c.motion, c.other)),
+    "metrics.penetration": measured(lambda f, c: f(c.motion, c.contacts.points)),
+    "metrics.root_bend": measured(lambda f, c: f(c.motion)),
+    "metrics.rotation_rates": measured(lambda f, c: f(c.motion)),
+    "metrics.sign_flips": measured(lambda f, c: f(c.motion)),
+    "metrics.slides": measured(lambda f, c: f(c.motion, c.contacts)),
+    "metrics.turn": measured(lambda f, c: f(c.q, c.o)),
+    "metrics.world_positions": measured(lambda f, c: f(c.motion)),
 }
 
 EXCEPTIONS = {
