@@ -31,7 +31,7 @@ from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts, Limb
 from jaxmotion.contacts.distances import move_later
-from jaxmotion.contacts.limb_ik import LimbTurn, limb_ik, shortest_arc
+from jaxmotion.contacts.limb_ik import LimbTurn, bend_axis, limb_ik, shortest_arc
 from jaxmotion.contacts.runs import spread
 from jaxmotion.kinematics import WorldPose, forward_kinematics
 from jaxmotion.motion import Motion
@@ -222,9 +222,11 @@ def _solve(pose, joints, shift, target, stretch) -> LimbTurn:
     """Step 4."""
     hip, knee, ankle = (pose.positions[:, joints[:, k]] + shift[:, None] for k in range(3))
     thigh = pose.rotations[:, joints[:, 0]]
-    bend = jnp.sum(rotate(conjugate(thigh), jnp.cross(knee - hip, ankle - knee)), axis=0)
+    bend, noise = bend_axis(knee - hip, ankle - knee)
+    bend, noise = jnp.sum(rotate(conjugate(thigh), bend), axis=0), jnp.sum(noise, axis=0)
     length = safe_norm(bend, keepdims=True)
-    hinge = rotate(thigh, bend / jnp.where(length > 0, length, 1))
+    known = length > noise
+    hinge = rotate(thigh, jnp.where(known, bend / jnp.where(known, length, 1), 0))
     return limb_ik(
         hip, knee, ankle, target, hinge=hinge, stretch=0.0 if stretch is None else stretch
     )

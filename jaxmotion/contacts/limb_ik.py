@@ -74,16 +74,23 @@ def limb_ik(
             raise ValueError(f"limb_ik: {name} must have shape (..., 3), got {p.shape}")
     root, middle, end, target = points
     upper, lower, wanted = middle - root, end - middle, target - root
-    bent = jnp.cross(upper, lower)
+    bent, straight_below = bend_axis(upper, lower)
     if hinge is not None:
-        scale = safe_norm(upper, keepdims=True) * safe_norm(lower, keepdims=True)
-        bent = bent + _STEADY * scale * jnp.asarray(hinge, bent.dtype)
-    axis = _unit_across(bent, upper)
+        bones = safe_norm(upper, keepdims=True) * safe_norm(lower, keepdims=True)
+        bent = bent + _STEADY * bones * jnp.asarray(hinge, bent.dtype)
+    axis = _unit_across(bent, upper, straight_below)
     bend, size = _bend(upper, lower, axis, wanted, stretch, straight)
     lower = rotate(bend, lower)
     swing = shortest_arc(upper + lower, wanted)
     reached = root + size[..., None] * rotate(swing, upper + lower)
     return LimbTurn(swing, multiply(swing, bend), size, reached)
+
+
+def bend_axis(upper: Vector3, lower: Vector3) -> tuple[Vector3, Float[Array, "... 1"]]:
+    """The axis about which two bones bend, times both lengths and the sine of the bend, and the
+    length below which it is rounding: the limb is straight."""
+    bones = safe_norm(upper, keepdims=True) * safe_norm(lower, keepdims=True)
+    return jnp.cross(upper, lower), 64 * float(jnp.finfo(bones.dtype).eps) * bones
 
 
 def _bend(upper, lower, axis, wanted, stretch, straight):
@@ -135,7 +142,7 @@ def shortest_arc(source, goal) -> Quaternion:
     cosine = jnp.where(known, jnp.sum(a * b, -1), 1)
     across = jnp.where(known[..., None], jnp.cross(a, b), 0)
     opposite = cosine < -1 + 64 * float(jnp.finfo(cosine.dtype).eps)
-    turned = _unit_across(jnp.zeros_like(a), a)
+    turned = _unit_across(jnp.zeros_like(a), a, 0)
     real = jnp.where(opposite, 0, 1 + cosine)
     vector = jnp.where(opposite[..., None], turned, across)
     return normalize(assemble(real, *jnp.unstack(vector, axis=-1)))
@@ -146,15 +153,14 @@ def _unit(v):
     return v / jnp.where(length > 0, length, 1)
 
 
-def _unit_across(v, line):
-    """Unit vector along v's part perpendicular to the line; some perpendicular if there is none."""
+def _unit_across(v, line, noise):
+    """Unit vector along v's part perpendicular to the line; some perpendicular if that part is no
+    longer than the noise."""
     along = _unit(line)
     # Least of the line's components: the axis that is farthest from it.
     spare = jnp.asarray(np.eye(3), v.dtype)[jnp.argmin(jnp.abs(along), axis=-1)]
     spare = spare - jnp.sum(spare * along, -1, keepdims=True) * along
     rest = v - jnp.sum(v * along, -1, keepdims=True) * along
-    scale = safe_norm(v, keepdims=True)
-    noise = 64 * float(jnp.finfo(v.dtype).eps) * scale
     length = safe_norm(rest, keepdims=True)
     usable = length > noise
     return jnp.where(usable, rest / jnp.where(usable, length, 1), _unit(spare))

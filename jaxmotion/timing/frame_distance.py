@@ -101,6 +101,7 @@ def _squared_distance_jvp(primals, tangents):
 
 
 @custom_vmap
+@jax.jit  # or eager calls would compile the scan every time
 def _sum_squares(x: Array, y: Array) -> Array:
     """Σ_f (x_if − y_jf)², a block of features at a time so that the frames of y fill the lanes."""
     features = x.shape[1]

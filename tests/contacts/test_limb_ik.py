@@ -129,6 +129,7 @@ def test_gradients_and_transforms():
 
 
 STRAIGHT = ([0.0, 0, 0], [0.0, -1, 0], [0.0, -2, 0])
+NEARLY_STRAIGHT = ([0.1, 0.9, 0.3], [0.12, 0.48, 0.31], [0.14, 0.06, 0.32])
 BENT = ([0.0, 0, 0], [0.0, -1, 0.3], [0.0, -2, 0])
 SINGULAR = {
     "full extension": (*STRAIGHT, [0.0, -2, 0]),
@@ -160,6 +161,16 @@ def test_singular_places_have_finite_derivatives():
     for leaf in jax.tree.leaves(everything(*given, stretch)):
         bad = ~np.isfinite(leaf).reshape(2, len(SINGULAR), -1).all((0, 2))
         assert not bad.any(), np.array(list(SINGULAR))[bad]
+
+
+@pytest.mark.parametrize("hinge", [None, np.array([1.0, 0, 0])])
+def test_a_limb_that_is_straight_but_for_rounding_takes_no_axis_from_it(hinge):
+    root, middle, end = map(np.asarray, NEARLY_STRAIGHT)
+    assert 0 < norm(np.cross(middle - root, end - middle)) < 1e-16
+    jacobian = assert_finite_derivatives(
+        lambda *points: limb_ik(*points, hinge=hinge), root, middle, end, np.array([0.2, 0.2, 0.5])
+    )
+    assert max(np.abs(x).max() for x in jax.tree.leaves(jacobian)) < 20
 
 
 def test_shortest_arc():

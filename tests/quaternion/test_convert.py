@@ -2,6 +2,7 @@
 
 import functools
 import itertools
+import logging
 
 import jax
 import jax.numpy as jnp
@@ -231,6 +232,15 @@ def test_unwrapping_short_clips(frames):
     angles = qt.to_euler(q, "ZXY", unwrap=True)
     assert angles.shape == (frames, 5, 3)
     np.testing.assert_allclose(angles[:1], qt.to_euler(q, "ZXY")[:1], atol=1e-15)
+
+
+def test_unwrapping_again_compiles_nothing(caplog):
+    """Outside of jit too."""
+    q = random_quaternions(np.random.default_rng(9), (3, 5))
+    qt.to_euler(q, unwrap=True)
+    with jax.log_compiles(), caplog.at_level(logging.WARNING):
+        qt.to_euler(q, unwrap=True)
+    assert "Compiling" not in caplog.text
 
 
 @pytest.mark.parametrize("order", ["ZZX", "XYY", "ZXy", "XY", "XYZX", "ABC", ""])

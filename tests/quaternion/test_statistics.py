@@ -1,6 +1,7 @@
 """Means and standard deviations of rotations."""
 
 import functools
+import logging
 
 import jax
 import jax.numpy as jnp
@@ -190,3 +191,13 @@ def test_refusals():
     for axis in (1, -1, 2):
         with pytest.raises(ValueError, match=rf"axis={axis} of an array of shape \(5, 4\)"):
             qt.std(q, axis=axis)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_second_call_compiles_nothing(method, caplog):
+    """Outside of jit too."""
+    q = random_quaternions(np.random.default_rng(6), (5, 3))
+    qt.std(q, method=method)
+    with jax.log_compiles(), caplog.at_level(logging.WARNING):
+        qt.std(q, method=method)
+    assert "Compiling" not in caplog.text

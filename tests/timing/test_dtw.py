@@ -1,5 +1,6 @@
 """Dynamic time warping against enumeration of every path, its derivative against differences."""
 
+import logging
 from functools import cache, partial
 from itertools import pairwise
 
@@ -506,3 +507,13 @@ def test_result_is_a_pytree_of_arrays():
     warp = dtw(cost=np.zeros((2, 2)))
     assert isinstance(warp, WarpPath)
     assert len(jax.tree.leaves(warp)) == 3
+
+
+def test_distances_of_other_clips_compile_nothing(caplog):
+    """Outside of jit too."""
+    rng = np.random.default_rng(0)
+    clips = [jnp.asarray(rng.standard_normal((n, 7))) for n in (5, 6, 5, 6)]
+    frame_distance(*clips[:2])
+    with jax.log_compiles(), caplog.at_level(logging.WARNING):
+        frame_distance(*clips[2:])
+    assert "Compiling" not in caplog.text
