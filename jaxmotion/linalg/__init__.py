@@ -23,15 +23,18 @@ from jaxmotion.linalg.block_banded import (
     block_banded_solve,
     block_banded_substitute,
 )
-from jaxmotion.linalg.difference_chain import (
-    ChainFactor,
-    DifferenceChain,
+from jaxmotion.linalg.chain_covariance import (
     Knowledge,
     chain_covariance,
-    chain_factor,
     chain_knowledge,
     chain_log_det,
     chain_sample,
+    chain_squared_inverse,
+)
+from jaxmotion.linalg.difference_chain import (
+    ChainFactor,
+    DifferenceChain,
+    chain_factor,
     chain_smooth,
 )
 from jaxmotion.linalg.parallel_chain import (
@@ -76,6 +79,7 @@ __all__ = [
     "chain_log_det",
     "chain_sample",
     "chain_smooth",
+    "chain_squared_inverse",
     "parallel_chain_factor",
     "parallel_chain_knowledge",
     "parallel_chain_smooth",

@@ -33,16 +33,9 @@ and backwards, from ``x_{T-1} = y`` with v+ = 0,
 
     x_j = x+ - v+      v_j = (p (v+ - c) + k + a m (x_j - y)) / (D + a m^2)
 
-Noise of variance ``1 / (D + a m^2)`` in place of the data draws from N(0, 1/P); ``det P`` is the
-product of those pivots and of the last a. The same pass from the other end, with ``1 - g`` for g,
-gives what later frames know of (x_j, v_j), ``alpha (x + mu v)^2 + beta v^2``, and the two together
-every marginal:
+Covariances, determinant and draws are in ``linalg.chain_covariance``.
 
-    var v = 1 / (d + beta + a alpha (m + mu)^2 / (a + alpha))
-    var x = var v (a m^2 + alpha mu^2 + d + beta) / (a + alpha)
-    cov(x, v) = var v (a m - alpha mu) / (a + alpha)
-
-These are the information filters of an integrated random walk (Kailath, Sayed and Hassibi, *Linear
+This is the information filter of an integrated random walk (Kailath, Sayed and Hassibi, *Linear
 Estimation*, 2000, ch. 9-10) with every matrix in factors.
 
 Sharp bits: only positive numbers are added, multiplied and divided, so that float32 keeps its
@@ -62,7 +55,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float
 
 from jaxmotion._portable import Portable
 
@@ -82,30 +75,6 @@ class Information(NamedTuple):
     position: Array
     lever: Array
     velocity: Array
-
-
-class State(NamedTuple):
-    """Covariance of a state (position, velocity), symmetric, 2 by 2."""
-
-    position: Array
-    cross: Array
-    velocity: Array
-
-
-class Knowledge(NamedTuple):
-    """What two sides know of one state (x, v): ``later`` as ``a (x + m v)^2 + d v^2``."""
-
-    earlier: Information
-    later: Information
-
-    def covariance(self, back: Array | float = 0.0) -> State:
-        """Covariance of ``(x - back v, v)``."""
-        (a, m, d), (alpha, mu, beta) = self.earlier, self.later
-        m, mu = m - back, mu + back
-        share, other = a / (a + alpha), alpha / (a + alpha)
-        velocity = 1 / (d + beta + a * other * (m + mu) ** 2)
-        position = (share * m * m + other * mu * mu + (d + beta) / (a + alpha)) * velocity
-        return State(position, (share * m - other * mu) * velocity, velocity)
 
 
 class ChainFactor(eqx.Module):
@@ -162,17 +131,18 @@ def eliminate(info: Information, curvature: Array) -> Information:
 @jax.jit
 def chain_factor(chain: DifferenceChain) -> ChainFactor:
     """Eliminate frame after frame, O(T). Differentiable, as a scan."""
-    nothing = _nothing(chain)
+    nothing = nothing_known(chain)
     start = nothing._replace(velocity=nothing.velocity + 1)
-    return ChainFactor(chain, _known(start, chain))
+    return ChainFactor(chain, known(start, chain))
 
 
-def _nothing(chain: DifferenceChain) -> Information:
+def nothing_known(chain: DifferenceChain) -> Information:
+    """Of one state, each entry of the coefficients' shape ``k``."""
     shape = jnp.broadcast_shapes(*(leaf.shape[1:] for leaf in jax.tree.leaves(chain)))
     return Information(*[jnp.zeros(shape, chain.weight.dtype)] * 3)
 
 
-def _known(start: Information, chain: DifferenceChain, reverse: bool = False) -> Information:
+def known(start: Information, chain: DifferenceChain, reverse: bool = False) -> Information:
     """What is known once each frame is read, before its velocity is eliminated."""
 
     def step(info, chain):
@@ -275,7 +245,7 @@ class Gains(NamedTuple):
 def gains(factor: ChainFactor) -> Gains:
     """Vectorised over frames."""
     chain, (a, m, _) = factor.chain, factor.info
-    earlier, spread, inverse = _before(factor), factor.spread, 1 / factor.pivot
+    earlier, spread, inverse = before(factor), factor.spread, 1 / factor.pivot
     take = over(chain.weight, a)
     pull = take * earlier.position * (earlier.lever - chain.back)
     lean, rho = over(m, spread), over(chain.curvature, spread)
@@ -319,152 +289,7 @@ def _substituted(factor: ChainFactor, z, f, c, level) -> Array:
     return lax.scan(backward, (end, zero), (by.slack, by.hold, offsets), reverse=True)[1]
 
 
-def _before(factor: ChainFactor) -> Information:
+def before(factor: ChainFactor) -> Information:
     """What frames 0 .. j - 1 know of (x_j, v_j)."""
     after = shifted(eliminate(factor.info, factor.chain.curvature))
     return jax.tree.map(lambda e: jnp.concatenate([jnp.zeros_like(e[:1]), e[:-1]]), after)
-
-
-def chain_knowledge(factor: ChainFactor) -> Knowledge:
-    """What is known of (x_j, v_j) from either side, ``(T, *k)``. Differentiable, as scans."""
-    return knowledge(factor, _known_after(factor))
-
-
-def _known_after(factor: ChainFactor) -> Information:
-    """What frames j + 1 .. know of (x_j, v_{j+1}), as ``a (x + m v)^2 + d v^2``, j = 0 .. T-2."""
-    known = _known(_nothing(factor.chain), mirrored(factor.chain), reverse=True)
-    return jax.tree.map(lambda entry: entry[1:], known)
-
-
-def mirrored(chain: DifferenceChain) -> DifferenceChain:
-    """The coefficients as the pass from the last frame to the first meets them, frames in order."""
-    curvature = jnp.concatenate([jnp.zeros_like(chain.curvature[:1]), chain.curvature[:-1]])
-    return DifferenceChain(curvature, chain.weight, 1 - chain.back, chain.speed)
-
-
-def knowledge(factor: ChainFactor, after: Information) -> Knowledge:
-    """Both sides of every (x_j, v_j), from what frames j + 1 .. know of (x_j, v_{j+1})."""
-    later = eliminate(after, factor.chain.curvature[:-1])
-    last = jax.tree.map(lambda e: jnp.zeros_like(e[-1:]), factor.info)
-    return Knowledge(factor.info, jax.tree.map(lambda *e: jnp.concatenate(e), later, last))
-
-
-@jax.jit
-def chain_covariance(factor: ChainFactor) -> State:
-    """Selected inverse of P: covariance of every (x_j, v_j), each entry ``(T, *k)``.
-
-    Gives the lag-one covariance too: ``cov(x_{j-1}, x_j) = position_j - cross_j``. Frame 0 has no
-    velocity: zeros. Differentiable, as scans.
-    """
-    position, cross, velocity = chain_knowledge(factor).covariance()
-    return State(position, cross.at[0].set(0), velocity.at[0].set(0))
-
-
-def chain_squared_inverse(factor: ChainFactor) -> Array:
-    """Diagonal of P^-2, ``sum_i cov(x_i, x_j)^2``, ``(T, *k)``, O(T): how fast the variance of
-    each position falls as weight is added on all."""
-    chain, after = factor.chain, _known_after(factor)
-    (a, m, d), (alpha, mu, beta) = sides = knowledge(factor, after)
-    _, cross, v = sides.covariance()
-    share, other, both = a / (a + alpha), alpha / (a + alpha), (d + beta) / (a + alpha)
-    near = v * (other * mu * (m + mu) + both)  # cov(x - m v, x)
-    far = v * (share * m * (m + mu) + both)  # cov(x + mu v, x)
-
-    none = jax.tree.map(lambda e: jnp.zeros_like(e[:1]), factor.info)
-    backwards = ChainFactor(
-        jax.tree.map(lambda e: e[::-1], mirrored(chain)),
-        jax.tree.map(lambda none, e: jnp.concatenate([e[::-1], none]), none, after),
-    )
-    earlier, _ = _weighed(factor, jnp.zeros_like(chain.back))
-    _, later = _weighed(backwards, jnp.ones_like(chain.back))
-    later = jax.tree.map(lambda none, e: jnp.concatenate([e[:-1][::-1], none]), State(*none), later)
-    return _form(earlier, near, cross) + _form(later, far, -cross)
-
-
-def _form(state: State, x: Array, v: Array) -> Array:
-    return state.position * x * x + 2 * state.cross * x * v + state.velocity * v * v
-
-
-def _weighed(factor: ChainFactor, back: Array) -> tuple[State, State]:
-    """What unit weights on all that lies ``back`` frames before a frame add to the information of
-    (x - m v, v): with the frame's own, and once its velocity is eliminated, about the next."""
-    by, (_, m, _), earlier = gains(factor), factor.info, _before(factor)
-    turned = m - earlier.lever
-    kept = factor.spread * by.inverse
-
-    def step(state, inputs):
-        turned, arm, kept, hold, rho = inputs
-        a, c, d = state
-        d = d + 2 * c * turned + a * turned * turned + arm * arm
-        c = c + a * turned + arm
-        a = a + 1
-        seen = State(a, c, d)
-        after = State(_form(seen, kept, hold), rho * (c * kept + d * hold), rho * rho * d)
-        return after, (seen, after)
-
-    none = jax.tree.map(lambda e: jnp.zeros_like(e[0]), factor.info)
-    inputs = (turned, m - back, kept, by.hold, by.rho)
-    return lax.scan(step, State(*none), inputs)[1]
-
-
-@jax.custom_jvp
-def chain_log_det(chain: DifferenceChain) -> Array:
-    """``log det P``, shape ``k``; its derivative is read off the selected inverse."""
-    return _log_det(chain_factor(chain))
-
-
-def _log_det(factor: ChainFactor) -> Array:
-    return jnp.log(factor.precision) + jnp.sum(jnp.log(factor.pivot), axis=0)
-
-
-@chain_log_det.defjvp
-def _chain_log_det_jvp(primals, tangents):
-    (chain,), (change,) = primals, tangents
-    factor = chain_factor(chain)
-    after = _known_after(factor)
-    x, cross, v = knowledge(factor, after).covariance(chain.back)
-    rate = change.weight * x - 2 * chain.weight * change.back * cross + change.speed * v
-    bends = change.curvature[1:-1] * _bend_variance(factor, after)
-    return _log_det(factor), jnp.sum(rate, axis=0) + jnp.sum(bends, axis=0)
-
-
-def _bend_variance(factor: ChainFactor, after: Information) -> Array:
-    """Variance of ``v_{j+1} - v_j``, j = 1 .. T-2, from both sides of the bend."""
-    a, m, d = jax.tree.map(lambda e: e[1:-1], factor.info)
-    alpha, mu, beta = jax.tree.map(lambda e: e[1:], after)
-    both = a * over(alpha, a + alpha)
-    moved = both * (m + mu) ** 2 + d + beta
-    share, other = over(d, moved), over(beta, moved)
-    known = both * (mu * mu * share + m * m * other) + beta * share
-    return 1 / (factor.chain.curvature[1:-1] + known)
-
-
-@partial(jax.jit, static_argnames="channels")
-def chain_sample(factor: ChainFactor, key: PRNGKeyArray, channels: tuple[int, ...]) -> Array:
-    """One draw of N(0, 1/P), ``(T, *channels)``, independent over channels. Differentiable.
-
-    Steps from frame to frame are written out from where the frames before hold on, not from the
-    position, which may be far away while it is drawn between two distant readings.
-    """
-    a, m, _ = factor.info
-    pivot, rho = factor.pivot, over(factor.chain.curvature, factor.spread)
-    earlier = _before(factor)
-    ahead = over(
-        earlier.position * (earlier.lever - 1) - factor.chain.weight * (1 - factor.chain.back), a
-    )  # m - 1, no digits lost
-    frames, dtype = m.shape[0], m.dtype
-    noise = jax.random.normal(key, (frames + 1, *channels), dtype)
-
-    def backward(state, inputs):
-        x, v = state
-        m, ahead, rho, loose, hold, width, noise = inputs
-        v = rho * v
-        apart = x - m * v
-        noise = width * noise
-        v = v + hold * apart + noise
-        return (loose * apart - m * noise + ahead * v, v), x
-
-    gains = (m, ahead, rho, factor.spread / pivot, a * m / pivot, 1 / jnp.sqrt(pivot))
-    end = noise[-1] / jnp.sqrt(factor.precision)
-    start = (end, jnp.zeros_like(end))
-    return lax.scan(backward, start, (*gains, noise[:-1]), reverse=True)[1]

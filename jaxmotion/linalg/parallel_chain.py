@@ -38,16 +38,13 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
+from jaxmotion.linalg.chain_covariance import Knowledge, State, knowledge, mirrored
 from jaxmotion.linalg.difference_chain import (
     ChainFactor,
     DifferenceChain,
     Information,
-    Knowledge,
-    State,
     expected,
     gains,
-    knowledge,
-    mirrored,
     over,
     smoothest,
 )

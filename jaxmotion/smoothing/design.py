@@ -22,7 +22,8 @@ from jaxtyping import Array, Float, Int
 from jaxmotion._checks import Fault
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
-from jaxmotion.linalg.difference_chain import Knowledge, over
+from jaxmotion.linalg.chain_covariance import Knowledge
+from jaxmotion.linalg.difference_chain import over
 
 
 class Readings(NamedTuple):

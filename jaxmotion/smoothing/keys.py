@@ -29,8 +29,12 @@ from jaxtyping import Array, Float, Int
 from jaxmotion._checks import raise_faults
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
-from jaxmotion.linalg import DifferenceChain, chain_covariance, chain_factor
-from jaxmotion.linalg.difference_chain import chain_squared_inverse
+from jaxmotion.linalg import (
+    DifferenceChain,
+    chain_covariance,
+    chain_factor,
+    chain_squared_inverse,
+)
 from jaxmotion.smoothing.lgs import Posterior
 
 

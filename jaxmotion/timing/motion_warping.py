@@ -30,7 +30,6 @@ Energies carry no derivative.
 """
 
 import math
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -39,8 +38,10 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
+from jaxmotion._checks import raise_faults
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
+from jaxmotion.linalg.pair_walk import Symmetric, solve_walk
 from jaxmotion.timing.frame_distance import frame_distance
 
 
@@ -153,7 +154,7 @@ def _warp(
 ) -> MotionWarp:
     odd = ~(jnp.all(jnp.isfinite(source)) & jnp.all(jnp.isfinite(reference)))
     message = "motion_warping: source and reference must be finite"
-    source, reference = eqx.error_if((source, reference), odd, message)
+    source, reference = raise_faults((source, reference), [(odd, message)])
     unit = _power_of_two_below(source - source[0], reference - source[0])
     z, target, origin = _about_the_mean(source / unit, reference / unit)
     fixed = lax.stop_gradient((z, target))
@@ -321,75 +322,9 @@ def _fit(s, r, runs, m, smoothness):
     w = runs.astype(s.dtype).reshape(s.shape[0], -1)
     sums = _per_channel(_run_sums, runs, jnp.repeat(r, m, axis=0))
     hold = constant.astype(s.dtype) / w_a
-    gram = _Symmetric(*jnp.broadcast_arrays(w * z**2 + hold**2, w * z / w_b, w / w_b**2))
-    x = _solve_walk(gram, jnp.stack([z * sums + hold, sums / w_b], axis=1))
+    gram = Symmetric(*jnp.broadcast_arrays(w * z**2 + hold**2, w * z / w_b, w / w_b**2))
+    x = solve_walk(gram, jnp.stack([z * sums + hold, sums / w_b], axis=1))
     return jnp.where(constant, 1, x[:, 0] / (w_a * swing)), x[:, 1] / w_b
-
-
-class _Symmetric(NamedTuple):
-    """2 × 2 matrices, component by component."""
-
-    aa: Array
-    ab: Array
-    bb: Array
-
-    def __matmul__(self, x):
-        a, b = x[..., 0, :], x[..., 1, :]
-        return jnp.stack([self.aa * a + self.ab * b, self.ab * a + self.bb * b], axis=-2)
-
-    @property
-    def determinant(self):
-        return jnp.maximum(self.aa * self.bb - self.ab**2, 0)
-
-    def times(self, factor):
-        return _Symmetric(factor * self.aa, factor * self.ab, factor * self.bb)
-
-
-def _solve_walk(gram, pull):
-    """x ``(N, 2, C)`` of least Σ_i x_i·(gram_i x_i) − 2 pull_i·x_i + Σ_i ‖x_{i+1} − x_i‖².
-
-    Block elimination in which no difference is subtracted from its own sum, so that the smoothest
-    walks keep their digits: with M the information on frame i from the frames up to it, the next
-    has M (I + M)⁻¹ from them.
-    """
-
-    def matvec(x):
-        steps = jnp.diff(x, axis=0)
-        return (gram @ x).at[1:].add(steps).at[:-1].add(-steps)
-
-    fixed = lax.stop_gradient(gram)
-
-    def solve(_, pull):
-        def forward(before, frame):
-            known, mean = before
-            own, pull = frame
-            total = _Symmetric(*map(jnp.add, own, known))
-            pull = pull + mean
-            det = total.determinant
-            share = 1 / (1 + total.aa + total.bb + det)
-            keep = _Symmetric(1 + total.bb, -total.ab, 1 + total.aa).times(share)
-            onward = _Symmetric(total.aa + det, total.ab, total.bb + det).times(share)
-            mean = keep @ pull
-            return (onward, mean), (keep, mean, total, pull)
-
-        nothing = jax.tree.map(lambda x: jnp.zeros_like(x[0]), (fixed, pull))
-        _, (keep, mean, total, pulls) = lax.scan(forward, nothing, (fixed, pull))
-        last, pull = jax.tree.map(lambda x: x[-1], (total, pulls))
-        spread = jnp.sqrt(jnp.stack([last.aa, last.bb]))
-        tie = last.ab / (spread[0] * spread[1])
-        one = jnp.ones_like(tie)
-        end = _Symmetric(one, -tie, one).times(1 / (1 - tie**2)) @ (pull / spread) / spread
-
-        def backward(after, frame):
-            keep, mean = frame
-            x = mean + keep @ after
-            return x, x
-
-        before = jax.tree.map(lambda x: x[:-1], (keep, mean))
-        x = lax.scan(backward, end, before, reverse=True)[1]
-        return jnp.concatenate([x, end[None]])
-
-    return lax.custom_linear_solve(matvec, pull, solve, symmetric=True)
 
 
 def _per_channel(function, runs, *signal, **static):

@@ -16,8 +16,8 @@ from jaxmotion.linalg import (
     chain_log_det,
     chain_sample,
     chain_smooth,
+    chain_squared_inverse,
 )
-from jaxmotion.linalg.difference_chain import chain_squared_inverse
 
 LENGTHS = [1, 2, 3, 4, 9]
 

@@ -1,0 +1,208 @@
+"""What a chain of (position, velocity) knows: covariances, determinant, draws; O(T).
+
+P and all symbols are those of ``linalg.difference_chain``. Its pass from frame 0 leaves what frames
+up to j know of (x_j, v_j), ``a (x - m v)^2 + d v^2``. The same pass from the other end, with
+``1 - g`` for g, leaves what later frames know, ``alpha (x + mu v)^2 + beta v^2``, and both together
+every marginal of N(0, 1/P):
+
+    var v     = 1 / (d + beta + a alpha (m + mu)^2 / (a + alpha))
+    var x     = var v (a m^2 + alpha mu^2 + d + beta) / (a + alpha)
+    cov(x, v) = var v (a m - alpha mu) / (a + alpha)
+
+The pivots ``D + a m^2`` of the elimination are the precisions of v_j given x_j and v_{j+1}: draws
+go from frame to frame with that noise, and ``det P`` is their product and that of the last a.
+
+Sharp bits: variances are sums, products and quotients of positive numbers, so that a small one
+beside huge ones (keys beside the middle of a long gap) keeps its digits. Covariances are
+differences, and keep those of their size.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, PRNGKeyArray
+
+from jaxmotion.linalg.difference_chain import (
+    ChainFactor,
+    DifferenceChain,
+    Information,
+    before,
+    chain_factor,
+    eliminate,
+    gains,
+    known,
+    nothing_known,
+    over,
+)
+
+
+class State(NamedTuple):
+    """Covariance of a state (position, velocity), symmetric, 2 by 2."""
+
+    position: Array
+    cross: Array
+    velocity: Array
+
+
+class Knowledge(NamedTuple):
+    """What two sides know of one state (x, v): ``later`` as ``a (x + m v)^2 + d v^2``."""
+
+    earlier: Information
+    later: Information
+
+    def covariance(self, back: Array | float = 0.0) -> State:
+        """Covariance of ``(x - back v, v)``."""
+        (a, m, d), (alpha, mu, beta) = self.earlier, self.later
+        m, mu = m - back, mu + back
+        share, other = a / (a + alpha), alpha / (a + alpha)
+        velocity = 1 / (d + beta + a * other * (m + mu) ** 2)
+        position = (share * m * m + other * mu * mu + (d + beta) / (a + alpha)) * velocity
+        return State(position, (share * m - other * mu) * velocity, velocity)
+
+
+def chain_knowledge(factor: ChainFactor) -> Knowledge:
+    """What is known of (x_j, v_j) from either side, ``(T, *k)``. Differentiable, as scans."""
+    return knowledge(factor, _known_after(factor))
+
+
+def _known_after(factor: ChainFactor) -> Information:
+    """What frames j + 1 .. know of (x_j, v_{j+1}), as ``a (x + m v)^2 + d v^2``, j = 0 .. T-2."""
+    seen = known(nothing_known(factor.chain), mirrored(factor.chain), reverse=True)
+    return jax.tree.map(lambda entry: entry[1:], seen)
+
+
+def mirrored(chain: DifferenceChain) -> DifferenceChain:
+    """The coefficients as the pass from the last frame to the first meets them, frames in order."""
+    curvature = jnp.concatenate([jnp.zeros_like(chain.curvature[:1]), chain.curvature[:-1]])
+    return DifferenceChain(curvature, chain.weight, 1 - chain.back, chain.speed)
+
+
+def knowledge(factor: ChainFactor, after: Information) -> Knowledge:
+    """Both sides of every (x_j, v_j), from what frames j + 1 .. know of (x_j, v_{j+1})."""
+    later = eliminate(after, factor.chain.curvature[:-1])
+    last = jax.tree.map(lambda e: jnp.zeros_like(e[-1:]), factor.info)
+    return Knowledge(factor.info, jax.tree.map(lambda *e: jnp.concatenate(e), later, last))
+
+
+@jax.jit
+def chain_covariance(factor: ChainFactor) -> State:
+    """Selected inverse of P: covariance of every (x_j, v_j), each entry ``(T, *k)``.
+
+    Gives the lag-one covariance too: ``cov(x_{j-1}, x_j) = position_j - cross_j``. Frame 0 has no
+    velocity: zeros. Differentiable, as scans.
+    """
+    position, cross, velocity = chain_knowledge(factor).covariance()
+    return State(position, cross.at[0].set(0), velocity.at[0].set(0))
+
+
+def chain_squared_inverse(factor: ChainFactor) -> Array:
+    """Diagonal of P^-2, ``sum_i cov(x_i, x_j)^2``, ``(T, *k)``, O(T): how fast the variance of
+    each position falls as weight is added on all."""
+    chain, after = factor.chain, _known_after(factor)
+    (a, m, d), (alpha, mu, beta) = sides = knowledge(factor, after)
+    _, cross, v = sides.covariance()
+    share, other, both = a / (a + alpha), alpha / (a + alpha), (d + beta) / (a + alpha)
+    near = v * (other * mu * (m + mu) + both)  # cov(x - m v, x)
+    far = v * (share * m * (m + mu) + both)  # cov(x + mu v, x)
+
+    none = jax.tree.map(lambda e: jnp.zeros_like(e[:1]), factor.info)
+    backwards = ChainFactor(
+        jax.tree.map(lambda e: e[::-1], mirrored(chain)),
+        jax.tree.map(lambda none, e: jnp.concatenate([e[::-1], none]), none, after),
+    )
+    earlier, _ = _weighed(factor, jnp.zeros_like(chain.back))
+    _, later = _weighed(backwards, jnp.ones_like(chain.back))
+    later = jax.tree.map(lambda none, e: jnp.concatenate([e[:-1][::-1], none]), State(*none), later)
+    return _form(earlier, near, cross) + _form(later, far, -cross)
+
+
+def _form(state: State, x: Array, v: Array) -> Array:
+    return state.position * x * x + 2 * state.cross * x * v + state.velocity * v * v
+
+
+def _weighed(factor: ChainFactor, back: Array) -> tuple[State, State]:
+    """What unit weights on all that lies ``back`` frames before a frame add to the information of
+    (x - m v, v): with the frame's own, and once its velocity is eliminated, about the next."""
+    by, (_, m, _), earlier = gains(factor), factor.info, before(factor)
+    turned = m - earlier.lever
+    kept = factor.spread * by.inverse
+
+    def step(state, inputs):
+        turned, arm, kept, hold, rho = inputs
+        a, c, d = state
+        d = d + 2 * c * turned + a * turned * turned + arm * arm
+        c = c + a * turned + arm
+        a = a + 1
+        seen = State(a, c, d)
+        after = State(_form(seen, kept, hold), rho * (c * kept + d * hold), rho * rho * d)
+        return after, (seen, after)
+
+    none = jax.tree.map(lambda e: jnp.zeros_like(e[0]), factor.info)
+    inputs = (turned, m - back, kept, by.hold, by.rho)
+    return lax.scan(step, State(*none), inputs)[1]
+
+
+@jax.custom_jvp
+def chain_log_det(chain: DifferenceChain) -> Array:
+    """``log det P``, shape ``k``; its derivative is read off the selected inverse."""
+    return _log_det(chain_factor(chain))
+
+
+def _log_det(factor: ChainFactor) -> Array:
+    return jnp.log(factor.precision) + jnp.sum(jnp.log(factor.pivot), axis=0)
+
+
+@chain_log_det.defjvp
+def _chain_log_det_jvp(primals, tangents):
+    (chain,), (change,) = primals, tangents
+    factor = chain_factor(chain)
+    after = _known_after(factor)
+    x, cross, v = knowledge(factor, after).covariance(chain.back)
+    rate = change.weight * x - 2 * chain.weight * change.back * cross + change.speed * v
+    bends = change.curvature[1:-1] * _bend_variance(factor, after)
+    return _log_det(factor), jnp.sum(rate, axis=0) + jnp.sum(bends, axis=0)
+
+
+def _bend_variance(factor: ChainFactor, after: Information) -> Array:
+    """Variance of ``v_{j+1} - v_j``, j = 1 .. T-2, from both sides of the bend."""
+    a, m, d = jax.tree.map(lambda e: e[1:-1], factor.info)
+    alpha, mu, beta = jax.tree.map(lambda e: e[1:], after)
+    both = a * over(alpha, a + alpha)
+    moved = both * (m + mu) ** 2 + d + beta
+    share, other = over(d, moved), over(beta, moved)
+    precision = both * (mu * mu * share + m * m * other) + beta * share
+    return 1 / (factor.chain.curvature[1:-1] + precision)
+
+
+@partial(jax.jit, static_argnames="channels")
+def chain_sample(factor: ChainFactor, key: PRNGKeyArray, channels: tuple[int, ...]) -> Array:
+    """One draw of N(0, 1/P), ``(T, *channels)``, independent over channels. Differentiable.
+
+    Steps from frame to frame are written out from where the frames before hold on, not from the
+    position, which may be far away while it is drawn between two distant readings.
+    """
+    a, m, _ = factor.info
+    pivot, rho = factor.pivot, over(factor.chain.curvature, factor.spread)
+    earlier = before(factor)
+    ahead = over(
+        earlier.position * (earlier.lever - 1) - factor.chain.weight * (1 - factor.chain.back), a
+    )  # m - 1, no digits lost
+    frames, dtype = m.shape[0], m.dtype
+    noise = jax.random.normal(key, (frames + 1, *channels), dtype)
+
+    def backward(state, inputs):
+        x, v = state
+        m, ahead, rho, loose, hold, width, noise = inputs
+        v = rho * v
+        apart = x - m * v
+        noise = width * noise
+        v = v + hold * apart + noise
+        return (loose * apart - m * noise + ahead * v, v), x
+
+    gains = (m, ahead, rho, factor.spread / pivot, a * m / pivot, 1 / jnp.sqrt(pivot))
+    end = noise[-1] / jnp.sqrt(factor.precision)
+    start = (end, jnp.zeros_like(end))
+    return lax.scan(backward, start, (*gains, noise[:-1]), reverse=True)[1]
