@@ -59,7 +59,7 @@ def say_json(value: Any) -> None:
 def show(error: click.ClickException) -> None:
     """Print a complaint, with its usage line if it has one."""
     # First: click would take colour sequences out of names.
-    error.message = "\n".join(map(printable, error.message.split("\n")))
+    vars(error)["message"] = "\n".join(map(printable, error.message.split("\n")))
     text = io.StringIO()
     error.show(file=text)
     say(*text.getvalue().removesuffix("\n").split("\n"), err=True)
