@@ -29,6 +29,7 @@ from jaxmotion.linalg.difference_chain import (
     ChainFactor,
     DifferenceChain,
     Information,
+    at_rest,
     before,
     chain_factor,
     eliminate,
@@ -36,6 +37,8 @@ from jaxmotion.linalg.difference_chain import (
     known,
     nothing_known,
     over,
+    shifted,
+    with_reading,
 )
 
 
@@ -70,7 +73,7 @@ def chain_knowledge(factor: ChainFactor) -> Knowledge:
 
 def _known_after(factor: ChainFactor) -> Information:
     """What frames j + 1 .. know of (x_j, v_{j+1}), as ``a (x + m v)^2 + d v^2``, j = 0 .. T-2."""
-    seen = known(nothing_known(factor.chain), mirrored(factor.chain), reverse=True)
+    seen, _ = known(nothing_known(factor.chain), mirrored(factor.chain), reverse=True)
     return jax.tree.map(lambda entry: entry[1:], seen)
 
 
@@ -108,14 +111,9 @@ def chain_squared_inverse(factor: ChainFactor) -> Array:
     near = v * (other * mu * (m + mu) + both)  # cov(x - m v, x)
     far = v * (share * m * (m + mu) + both)  # cov(x + mu v, x)
 
-    none = jax.tree.map(lambda e: jnp.zeros_like(e[:1]), factor.info)
-    backwards = ChainFactor(
-        jax.tree.map(lambda e: e[::-1], mirrored(chain)),
-        jax.tree.map(lambda none, e: jnp.concatenate([e[::-1], none]), none, after),
-    )
-    earlier, _ = _weighed(factor, jnp.zeros_like(chain.back))
-    _, later = _weighed(backwards, jnp.ones_like(chain.back))
-    later = jax.tree.map(lambda none, e: jnp.concatenate([e[:-1][::-1], none]), State(*none), later)
+    earlier, _ = _weighed(at_rest(chain), chain, 0)
+    _, later = _weighed(nothing_known(chain), mirrored(chain), 1, reverse=True)
+    later = jax.tree.map(lambda e: jnp.concatenate([e[1:], jnp.zeros_like(e[:1])]), later)
     return _form(earlier, near, cross) + _form(later, far, -cross)
 
 
@@ -123,26 +121,30 @@ def _form(state: State, x: Array, v: Array) -> Array:
     return state.position * x * x + 2 * state.cross * x * v + state.velocity * v * v
 
 
-def _weighed(factor: ChainFactor, back: Array) -> tuple[State, State]:
+def _weighed(
+    start: Information, chain: DifferenceChain, back: int, reverse: bool = False
+) -> tuple[State, State]:
     """What unit weights on all that lies ``back`` frames before a frame add to the information of
-    (x - m v, v): with the frame's own, and once its velocity is eliminated, about the next."""
-    by, (_, m, _), earlier = gains(factor), factor.info, before(factor)
-    turned = m - earlier.lever
-    kept = factor.spread * by.inverse
+    (x - m v, v): with the frame's own, and once its velocity is eliminated, of the next."""
 
-    def step(state, inputs):
-        turned, arm, kept, hold, rho = inputs
-        a, c, d = state
+    def step(state, frame):
+        info, (a, c, d) = state
+        earlier = shifted(info)
+        seen = with_reading(earlier, frame.weight, frame.back, frame.speed)
+        by = gains(earlier, seen, frame)
+        turned, arm = seen.lever - earlier.lever, seen.lever - back
         d = d + 2 * c * turned + a * turned * turned + arm * arm
         c = c + a * turned + arm
-        a = a + 1
-        seen = State(a, c, d)
-        after = State(_form(seen, kept, hold), rho * (c * kept + d * hold), rho * rho * d)
-        return after, (seen, after)
+        added = State(a + 1, c, d)
+        kept = (seen.velocity + frame.curvature) * by.inverse
+        after = State(
+            _form(added, kept, by.hold),
+            by.rho * (c * kept + d * by.hold),
+            by.rho * by.rho * d,
+        )
+        return (eliminate(seen, frame.curvature), after), (added, after)
 
-    none = jax.tree.map(lambda e: jnp.zeros_like(e[0]), factor.info)
-    inputs = (turned, m - back, kept, by.hold, by.rho)
-    return lax.scan(step, State(*none), inputs)[1]
+    return lax.scan(step, (start, State(*nothing_known(chain))), chain, reverse=reverse)[1]
 
 
 @jax.custom_jvp
@@ -185,11 +187,11 @@ def chain_sample(factor: ChainFactor, key: PRNGKeyArray, channels: tuple[int, ..
     position, which may be far away while it is drawn between two distant readings.
     """
     a, m, _ = factor.info
-    pivot, rho = factor.pivot, over(factor.chain.curvature, factor.spread)
-    earlier = before(factor)
+    by, pivot, earlier = factor.gains, factor.pivot, before(factor.info, factor.chain.curvature)
+    # m - 1, no digits lost.
     ahead = over(
         earlier.position * (earlier.lever - 1) - factor.chain.weight * (1 - factor.chain.back), a
-    )  # m - 1, no digits lost
+    )
     frames, dtype = m.shape[0], m.dtype
     noise = jax.random.normal(key, (frames + 1, *channels), dtype)
 
@@ -202,7 +204,7 @@ def chain_sample(factor: ChainFactor, key: PRNGKeyArray, channels: tuple[int, ..
         v = v + hold * apart + noise
         return (loose * apart - m * noise + ahead * v, v), x
 
-    gains = (m, ahead, rho, factor.spread / pivot, a * m / pivot, 1 / jnp.sqrt(pivot))
+    numbers = (m, ahead, by.rho, factor.spread / pivot, by.hold, 1 / jnp.sqrt(pivot))
     end = noise[-1] / jnp.sqrt(factor.precision)
     start = (end, jnp.zeros_like(end))
-    return lax.scan(backward, start, (*gains, noise[:-1]), reverse=True)[1]
+    return lax.scan(backward, start, (*numbers, noise[:-1]), reverse=True)[1]

@@ -77,11 +77,25 @@ class Information(NamedTuple):
     velocity: Array
 
 
+class Gains(NamedTuple):
+    """The numbers of the two passes: ``y += take (z - y)``, ``k += pull (z - y)``, ``y += lean k``,
+    ``k *= rho``; and back ``v = inverse k + hold (x - y) + slack v+``."""
+
+    take: Array
+    pull: Array
+    lean: Array
+    rho: Array
+    inverse: Array
+    hold: Array
+    slack: Array
+
+
 class ChainFactor(eqx.Module):
-    """What frames 0 .. j know of (x_j, v_j), each entry of ``info`` ``(T, *k)``."""
+    """What frames 0 .. j know of (x_j, v_j), and the numbers of both passes, all ``(T, *k)``."""
 
     chain: DifferenceChain
     info: Information
+    gains: Gains
 
     @property
     def spread(self) -> Array:
@@ -131,9 +145,13 @@ def eliminate(info: Information, curvature: Array) -> Information:
 @jax.jit
 def chain_factor(chain: DifferenceChain) -> ChainFactor:
     """Eliminate frame after frame, O(T). Differentiable, as a scan."""
+    return ChainFactor(chain, *known(at_rest(chain), chain))
+
+
+def at_rest(chain: DifferenceChain) -> Information:
+    """Before frame 0, which has no velocity."""
     nothing = nothing_known(chain)
-    start = nothing._replace(velocity=nothing.velocity + 1)
-    return ChainFactor(chain, known(start, chain))
+    return nothing._replace(velocity=nothing.velocity + 1)
 
 
 def nothing_known(chain: DifferenceChain) -> Information:
@@ -142,14 +160,28 @@ def nothing_known(chain: DifferenceChain) -> Information:
     return Information(*[jnp.zeros(shape, chain.weight.dtype)] * 3)
 
 
-def known(start: Information, chain: DifferenceChain, reverse: bool = False) -> Information:
+def known(
+    start: Information, chain: DifferenceChain, reverse: bool = False
+) -> tuple[Information, Gains]:
     """What is known once each frame is read, before its velocity is eliminated."""
 
-    def step(info, chain):
-        seen = with_reading(shifted(info), chain.weight, chain.back, chain.speed)
-        return eliminate(seen, chain.curvature), seen
+    def step(info, frame):
+        earlier = shifted(info)
+        seen = with_reading(earlier, frame.weight, frame.back, frame.speed)
+        return eliminate(seen, frame.curvature), (seen, gains(earlier, seen, frame))
 
     return lax.scan(step, start, chain, reverse=reverse)[1]
+
+
+def gains(earlier: Information, seen: Information, frame: DifferenceChain) -> Gains:
+    """Of frames, from what is known of them before and once they are read."""
+    a, m, d = seen
+    spread = d + frame.curvature
+    inverse = 1 / (spread + a * m * m)
+    take = over(frame.weight, a)
+    pull = take * earlier.position * (earlier.lever - frame.back)
+    lean, rho = over(m, spread), over(frame.curvature, spread)
+    return Gains(take, pull, lean, rho, inverse, a * m * inverse, frame.curvature * inverse)
 
 
 @jax.jit
@@ -229,29 +261,6 @@ def _is_zero(tangent) -> bool:
     return tangent is None or isinstance(tangent, SymbolicZero)
 
 
-class Gains(NamedTuple):
-    """The numbers of the two passes, ``(T, *k)``: ``y += take (z - y)``, ``k += pull (z - y)``,
-    ``y += lean k``, ``k *= rho``; ``v = inverse k + hold (x - y) + slack v+``."""
-
-    take: Array
-    pull: Array
-    lean: Array
-    rho: Array
-    inverse: Array
-    hold: Array
-    slack: Array
-
-
-def gains(factor: ChainFactor) -> Gains:
-    """Vectorised over frames."""
-    chain, (a, m, _) = factor.chain, factor.info
-    earlier, spread, inverse = before(factor), factor.spread, 1 / factor.pivot
-    take = over(chain.weight, a)
-    pull = take * earlier.position * (earlier.lever - chain.back)
-    lean, rho = over(m, spread), over(chain.curvature, spread)
-    return Gains(take, pull, lean, rho, inverse, a * m * inverse, chain.curvature * inverse)
-
-
 def expected(factor: ChainFactor, c: Array | None) -> tuple[Array, Array, Array] | None:
     """What a change of velocity c takes from y and adds to k, and takes from k on the way back."""
     if c is None:
@@ -263,7 +272,6 @@ def expected(factor: ChainFactor, c: Array | None) -> tuple[Array, Array, Array]
 
 def _substituted(factor: ChainFactor, z, f, c, level) -> Array:
     """Forwards and back, linear in z, f and c; None for what is zero."""
-    by = gains(factor)
     level = jnp.zeros((), z.dtype) if level is None else level
 
     def forward(state, inputs):
@@ -285,11 +293,12 @@ def _substituted(factor: ChainFactor, z, f, c, level) -> Array:
         return (x, slack * v + hold * x + offset), x + level
 
     zero = jnp.zeros_like(z[0])
-    (end, _), offsets = lax.scan(forward, (zero, zero), (z, f, expected(factor, c), by))
-    return lax.scan(backward, (end, zero), (by.slack, by.hold, offsets), reverse=True)[1]
+    (end, _), offsets = lax.scan(forward, (zero, zero), (z, f, expected(factor, c), factor.gains))
+    back = factor.gains.slack, factor.gains.hold, offsets
+    return lax.scan(backward, (end, zero), back, reverse=True)[1]
 
 
-def before(factor: ChainFactor) -> Information:
-    """What frames 0 .. j - 1 know of (x_j, v_j)."""
-    after = shifted(eliminate(factor.info, factor.chain.curvature))
+def before(info: Information, curvature: Array) -> Information:
+    """What frames 0 .. j - 1 know of (x_j, v_j), from what 0 .. j do."""
+    after = shifted(eliminate(info, curvature))
     return jax.tree.map(lambda e: jnp.concatenate([jnp.zeros_like(e[:1]), e[:-1]]), after)

@@ -43,6 +43,7 @@ from jaxmotion.linalg.difference_chain import (
     ChainFactor,
     DifferenceChain,
     Information,
+    before,
     expected,
     gains,
     over,
@@ -56,7 +57,9 @@ Matrix: TypeAlias = tuple[tuple[Array, Array], tuple[Array, Array]]
 def parallel_chain_factor(chain: DifferenceChain) -> ChainFactor:
     """Equal to :func:`chain_factor`, in O(log T) steps. Differentiable, as a scan."""
     one = jnp.ones_like(chain.weight[:1])
-    return ChainFactor(chain, _known(chain, State(0 * one, 0 * one, one)))
+    info = _known(chain, State(0 * one, 0 * one, one))
+    earlier = before(info, chain.curvature)
+    return ChainFactor(chain, info, gains(earlier, info, chain))
 
 
 def _known(chain: DifferenceChain, start: State) -> Information:
@@ -119,7 +122,7 @@ def lost_digits(chain: DifferenceChain) -> Array:
 
 def _substituted(factor: ChainFactor, z, f, c, level) -> Array:
     """Forwards and back, ``(T, *channels)``."""
-    by = gains(factor)
+    by = factor.gains
     level = jnp.zeros((), z.dtype) if level is None else level
     z = z - level
     pushed, c = 0 if f is None else f, expected(factor, c)
