@@ -218,16 +218,14 @@ RECIPES = {
     "linalg.chain_covariance": recipe(lambda f, c: f(chain_factor(chain(c))), weighted),
     "linalg.chain_factor": recipe(lambda f, c: f(chain(c)), weighted),
     "linalg.chain_log_det": recipe(lambda f, c: f(chain(c)), weighted),
-    "linalg.chain_matvec": recipe(lambda f, c: f(chain(c), c.p), smoothed_positions),
+    "linalg.chain_knowledge": recipe(lambda f, c: f(chain_factor(chain(c))), weighted),
     "linalg.chain_sample": recipe(lambda f, c: f(chain_factor(chain(c)), c.key, (2, 3)), weighted),
-    "linalg.chain_solve": recipe(
-        lambda f, c: f(chain(c), c.weights[:, None, None] * c.p), smoothed_positions
-    ),
-    "linalg.parallel_chain_covariance": recipe(lambda f, c: f(chain_factor(chain(c))), weighted),
+    "linalg.chain_smooth": recipe(lambda f, c: f(chain(c), c.p), smoothed_positions),
+    "linalg.chain_squared_inverse": recipe(lambda f, c: f(chain_factor(chain(c))), weighted),
     "linalg.parallel_chain_factor": recipe(lambda f, c: f(chain(c)), weighted),
-    "linalg.parallel_chain_solve": recipe(
-        lambda f, c: f(chain(c), c.weights[:, None, None] * c.p), smoothed_positions
-    ),
+    "linalg.parallel_chain_knowledge": recipe(lambda f, c: f(chain(c)), weighted),
+    "linalg.parallel_chain_smooth": recipe(lambda f, c: f(chain(c), c.p), smoothed_positions),
+    "axes.reorient": recipe(lambda f, c: f(c.motion, "z")),
     "kinematics.facing_direction": recipe(lambda f, c: f(c.motion), cases=NO_PAIRS),
     "kinematics.forward_kinematics": recipe(lambda f, c: f(c.motion)),
     "kinematics.velocities": recipe(lambda f, c: f(c.motion)),
@@ -407,6 +405,10 @@ RECIPES = {
 }
 
 EXCEPTIONS = {
+    "axes.doubt_up": "a sentence about a concrete clip, in NumPy",
+    "axes.guess_up": "an axis for a concrete clip, in NumPy",
+    "jaxmotion.checks": "a setting",
+    "skeleton.feet_by_name": "joint numbers from names",
     "io.save": "writes the file that the recipe of io.load reads",
     "kinematics.mirrored_pairs": "pairs of numbers, from names alone",
     "samples.names": "a list of names",

@@ -50,7 +50,7 @@ SLOW = {
     "layers.synthesize",
     "layers.time_warp",
     "linalg.block_banded_factor",
-    "linalg.parallel_chain_solve",
+    "linalg.parallel_chain_smooth",
     "metrics.find_problems",
     "multiresolution.best_cut",
     "multiresolution.blend",
