@@ -102,7 +102,6 @@ FAULTS: dict[tuple[str, str, str, str], str] = {
     ("smoothing.geodesic", "stiff", "float32", "value"): "an error of the solver",
     ("timing.motion_warping", "far", "float64", "value"): "an error of the inner solver",
     ("timing.unwarp", "far", "float64", "value"): "its warp is motion_warping's",
-    ("spacetime.keep_contacts", "far", "float64", "gradients"): "the modes are 3 % apart",
 }
 
 

@@ -29,6 +29,7 @@ from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import height_speed, rigid
 from jaxmotion.contacts.contact import FREE, PLANE, POINT, ContactPoints, Contacts
 from jaxmotion.contacts.feet import find_feet
+from jaxmotion.contacts.nearby import floor_near, motion_near, origin_of
 from jaxmotion.contacts.runs import hysteresis, mean_over_runs, without_gaps, without_short
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
@@ -107,6 +108,8 @@ def _detect(
 ) -> Contacts:
     frames = np.arange(motion.num_frames, dtype=np.int32)
     valid = jnp.asarray(frames) < jnp.asarray(length, jnp.int32)
+    origin = origin_of(motion)
+    motion, floor = motion_near(motion, origin), floor_near(motion, origin, floor)
     pose = forward_kinematics(motion)
     index = np.asarray(points.joints, int)
     turns = pose.rotations[:, index]
@@ -133,7 +136,7 @@ def _detect(
         confidence = _soft(low.speed) * _soft(low.height)
         kinds = jnp.full(mask.shape, POINT, jnp.int8)
     mask = _tidied(mask & valid[:, None], short, valid)
-    target = mean_over_runs(mask, positions, confidence)
+    target = mean_over_runs(mask, positions, confidence) + origin
     kinds = jnp.where(mask, jnp.clip(kinds, POINT, PLANE), FREE).astype(jnp.int8)
     return Contacts(points, mask, target, kind=kinds, confidence=confidence)
 
@@ -175,6 +178,7 @@ def replant(motion: Motion, contacts: Contacts) -> Contacts:
     For contacts that were found on another clip, or drawn by hand. **Arguments:** T frames each.
     **Returns:** :class:`Contacts`.
     """
-    positions = contacts.points.positions(motion)
+    origin = origin_of(motion)
+    positions = contacts.points.positions(motion_near(motion, origin))
     target = mean_over_runs(contacts.mask, positions, contacts.confidence)
-    return eqx.tree_at(lambda c: c.target, contacts, target)
+    return eqx.tree_at(lambda c: c.target, contacts, target + origin)

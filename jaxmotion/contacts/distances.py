@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxmotion._numerics import safe_norm
 from jaxmotion.contacts.contact import Contacts
+from jaxmotion.contacts.nearby import contacts_near, motion_near, origin_of
 from jaxmotion.motion import Motion
 
 
@@ -37,12 +38,14 @@ def fit_distances(motion: Motion, contacts: Contacts) -> Contacts:
     pairs = np.array([points for points in of_limb if len(points) == 2], int).reshape(-1, 2)
     if not len(pairs):
         return contacts
-    y = contacts.points.positions(motion)[:, pairs]
-    target = jnp.asarray(contacts.target, motion.dtype)
+    origin = origin_of(motion)
+    y = contacts.points.positions(motion_near(motion, origin))[:, pairs]
+    goal = contacts_near(contacts, origin).target[:, pairs]
     apart = safe_norm(y[:, :, 1] - y[:, :, 0])
     on = contacts.mask[:, pairs]
-    fitted = jnp.where(on[..., None], move_later(on, target[:, pairs], apart), target[:, pairs])
-    return eqx.tree_at(lambda c: c.target, contacts, target.at[:, pairs].set(fitted))
+    shift = jnp.where(on[..., None], move_later(on, goal, apart) - goal, 0)
+    target = jnp.asarray(contacts.target, motion.dtype).at[:, pairs].add(shift)
+    return eqx.tree_at(lambda c: c.target, contacts, target)
 
 
 def move_later(

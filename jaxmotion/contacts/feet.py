@@ -21,6 +21,7 @@ from jax.core import Tracer
 
 from jaxmotion import quaternion
 from jaxmotion.contacts.contact import ContactPoints, Limb, limb_above
+from jaxmotion.contacts.nearby import motion_near, origin_of
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton, feet_by_name
@@ -49,7 +50,7 @@ def find_feet(motion: Motion, *, length: int | None = None) -> ContactPoints:
             "points=..."
         )
     skeleton = motion.skeleton
-    pose = forward_kinematics(motion)
+    pose = forward_kinematics(motion_near(motion, origin_of(motion)))
     world, turns, tips = (
         np.asarray(a, np.float64)[:length]
         for a in (pose.positions, pose.rotations, pose.end_positions)

@@ -32,6 +32,7 @@ from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts, Limb
 from jaxmotion.contacts.distances import move_later
 from jaxmotion.contacts.limb_ik import LimbTurn, bend_axis, limb_ik, shortest_arc
+from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, origin_of
 from jaxmotion.contacts.runs import spread
 from jaxmotion.kinematics import WorldPose, forward_kinematics
 from jaxmotion.motion import Motion
@@ -114,7 +115,10 @@ def _feet_of(skeleton: Skeleton, contacts: Contacts) -> _Feet:
 
 
 @compiled
-def _cleanup(motion, contacts, feet: _Feet, stretch, fade, floor, length) -> Motion:
+def _cleanup(given, contacts, feet: _Feet, stretch, fade, floor, length) -> Motion:
+    origin = origin_of(given)
+    motion, contacts = motion_near(given, origin), contacts_near(contacts, origin)
+    floor = floor_near(given, origin, floor)
     pose = forward_kinematics(motion)
     joints = np.array(feet.limbs)
     valid = jnp.asarray(np.arange(motion.num_frames, dtype=np.int32)) < length
@@ -124,7 +128,7 @@ def _cleanup(motion, contacts, feet: _Feet, stretch, fade, floor, length) -> Mot
     body = _in_end_frames(motion, pose, contacts)
     weights = jnp.asarray(np.array(feet.anchors, np.float32), motion.dtype)
     planted = contacts.mask & valid[:, None]
-    on, at, goal = _anchors(weights, planted, body, contacts.target.astype(motion.dtype))
+    on, at, goal = _anchors(weights, planted, body, contacts.target)
     goal = move_later(on, goal, safe_norm(at[:, :, 1] - at[:, :, 0]))
     both, any_on = on.all(-1), on.any(-1)
     turn = shortest_arc(rotate(turns, at[:, :, 1] - at[:, :, 0]), goal[:, :, 1] - goal[:, :, 0])
@@ -142,7 +146,7 @@ def _cleanup(motion, contacts, feet: _Feet, stretch, fade, floor, length) -> Mot
         away = _lifted(motion, contacts, feet, base + away, turned, body, any_on, away, floor)
     solved = _solve(pose, joints, shift, base + away, stretch)
     moved = jnp.any(away != 0, -1) | jnp.any(turn[..., 1:] != 0, -1)
-    return _assemble(motion, pose, joints, shift, solved, turned, moved, stretch is not None)
+    return _assemble(given, pose, joints, shift, solved, turned, moved, stretch is not None)
 
 
 def _in_end_frames(motion: Motion, pose: WorldPose, contacts: Contacts):

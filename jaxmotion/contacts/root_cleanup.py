@@ -17,6 +17,7 @@ import numpy as np
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts
+from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, origin_of
 from jaxmotion.contacts.runs import spread
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing import lgs
@@ -55,12 +56,17 @@ def _cleanup(motion: Motion, contacts: Contacts, floor, length) -> Motion:
     kind, up = motion.dtype, "xyz".index(motion.skeleton.up)
     valid = jnp.asarray(np.arange(motion.num_frames, dtype=np.int32)) < length
     planted = contacts.mask & valid[:, None]
-    points = contacts.points.positions(motion)
+    origin = origin_of(motion)
+    points, floor = (
+        contacts.points.positions(motion_near(motion, origin)),
+        floor_near(motion, origin, floor),
+    )
+    target = contacts_near(contacts, origin).target
     both = (planted[1:] & planted[:-1]).astype(kind)[..., None]
     slide = jnp.sum(both * jnp.diff(points, axis=0), 1) / jnp.maximum(jnp.sum(both, 1), 1)
     shift = -jnp.cumsum(jnp.pad(slide, ((1, 0), (0, 0))), axis=0)
     on = planted.astype(kind)
-    low = jnp.sum(on * (contacts.target.astype(kind) - points)[..., up], 1, keepdims=True)
+    low = jnp.sum(on * (target - points)[..., up], 1, keepdims=True)
     low = low / jnp.maximum(jnp.sum(on, 1, keepdims=True), 1)
     anywhere = planted.any(1, keepdims=True)
     whole = jnp.asarray(motion.num_frames, kind)

@@ -21,6 +21,7 @@ import numpy as np
 from jaxmotion import spacetime
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, detect, fit_distances
+from jaxmotion.contacts.nearby import contacts_near, motion_near, moved_as, origin_of
 from jaxmotion.motion import Motion
 
 if TYPE_CHECKING:
@@ -71,4 +72,8 @@ def restore(
     if length is not None:
         counted = jnp.asarray(length > np.arange(contacts.num_frames))  # pyright: ignore
         contacts = eqx.tree_at(lambda c: c.mask, contacts, contacts.mask & counted[:, None])
-    return spacetime.satisfy(motion, fit_distances(motion, contacts), weights=weights)
+    # Near the origin once for both steps, or far away the targets' rounding would come between.
+    origin = origin_of(motion)
+    start, aimed = motion_near(motion, origin), contacts_near(contacts, origin)
+    answer, report = spacetime.satisfy(start, fit_distances(start, aimed), weights=weights)
+    return moved_as(motion, start, answer), report

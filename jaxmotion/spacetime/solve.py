@@ -45,6 +45,7 @@ from jaxmotion._numerics import safe_norm
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.contacts import Contacts, limb_lengths
+from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, moved_as, origin_of
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.spacetime.bounds import bounded
@@ -161,8 +162,10 @@ def satisfy(
 
 
 @compiled
-def _satisfy(motion, contacts, limits, floor, weights, ramp, method, tolerance, max_steps):
-    target = jnp.asarray(contacts.target, motion.dtype)
+def _satisfy(given, contacts, limits, floor, weights, ramp, method, tolerance, max_steps):
+    origin = origin_of(given)
+    motion, floor = motion_near(given, origin), floor_near(given, origin, floor)
+    target = contacts_near(contacts, origin).target
     bad = ~jnp.all(jnp.isfinite(target) | ~contacts.mask[..., None])
     odd = ~jnp.all(jnp.isfinite(motion.rotations)) | ~jnp.all(jnp.isfinite(motion.translations))
     faults = [
@@ -186,8 +189,9 @@ def _satisfy(motion, contacts, limits, floor, weights, ramp, method, tolerance, 
         )
     translations = motion.translations.at[:, 0].set(moved.translations[:, 0])
     answer = motion.with_transforms(translations, rotations)
+    report = _report(answer, contacts, target, limits, floor, solution)
     # Steps that are not finite are not taken: of a fault nothing is seen in the answer.
-    return poisoned((answer, _report(answer, contacts, target, limits, floor, solution)), faults)
+    return poisoned((moved_as(given, motion, answer), report), faults)
 
 
 class _Solution(eqx.Module):
@@ -289,7 +293,10 @@ def _pose_alone(motion, q, limits, weights) -> Problem:
 
 def _report(answer, contacts, target, limits, floor, solution: _Solution) -> Report:
     y = contacts.points.positions(answer)
-    error = jnp.where(contacts.mask, safe_norm(y - target), 0)
+    error = safe_norm(y - target)
+    # A distance that is all rounding has no direction in which to grow.
+    rounding = 16 * float(jnp.finfo(y.dtype).eps) * jnp.max(jnp.abs(y), axis=-1)
+    error = jnp.where(contacts.mask & (error > rounding), error, 0)
     depth = jnp.zeros_like(error)
     if floor is not None:
         depth = jnp.maximum(floor - y[..., "xyz".index(answer.skeleton.up)], 0)

@@ -188,6 +188,19 @@ def test_contacts_already_kept_change_nothing():
     assert float(report.cost) < 1e-25
 
 
+def test_a_miss_of_rounding_size_is_none():
+    """Its direction would be rounding's, and so would be a derivative of size one along it."""
+    motion, contacts = case()
+    kept = eqx.tree_at(lambda c: c.target, contacts, contacts.points.positions(motion) + 1e-15)
+
+    def missed(contacts):
+        return jnp.sum(solve(motion, contacts)[1].position_error)
+
+    np.testing.assert_array_equal(missed(kept), 0)
+    slope = jax.grad(lambda x: missed(eqx.tree_at(lambda c: c.target, kept, x)))(kept.target)
+    np.testing.assert_array_equal(slope, 0)
+
+
 def test_a_joint_that_never_turns_does_not_start_to():
     motion, contacts = case()
     fixed = motion.with_transforms(rotations=motion.rotations.at[:, 1].set(motion.rotations[0, 1]))
