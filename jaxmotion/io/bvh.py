@@ -4,8 +4,9 @@ Reading. Position channels replace OFFSET, axis by axis; axes without one keep O
 channels, in degrees, become a local unit quaternion, q = q₁(θ₁) q₂(θ₂) q₃(θ₃), intrinsic, in the
 file's order for that joint. A joint counts as translated if a position value leaves OFFSET by more
 than rounding: half a unit of the last digit that positions are printed with, and of OFFSET's (but
-at most a hundredth of the longest offset), and a millionth of the longest offset for arithmetic in
-single precision. The root always does. The values are kept as they are, for the file; algorithms
+at most a hundredth of the longest offset), and for arithmetic in single precision a millionth of
+the longest offset, or of the root's farthest coordinate if that is more: Blender works in the
+world. The root always does. The values are kept as they are, for the file; algorithms
 read a joint that is not translated at its first frame.
 
 Names, channel names and order, end sites and the text of the frame time are kept. Read without
@@ -245,7 +246,8 @@ def _moved_joints(
     only where they matter, and no further than that: more rows may show more digits, not fewer.
     """
     longest = np.abs(hierarchy.offsets[1:]).max(initial=0.0)
-    single = SINGLE_PRECISION * longest
+    farthest = (apart + np.abs(rest))[joints == 0].max(initial=longest)
+    single = SINGLE_PRECISION * farthest
     suspects = {*joints[apart > single].tolist()} - {0}
     of_offsets = printed_digits(" ".join(hierarchy.offset_texts[1:]).encode()).rounding(rest)
     digits = PrintedDigits()

@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Shares of a skeleton's longest offset. Arithmetic in single precision costs so much; and what is
-# more than the second matters, however coarsely it was printed.
+# What arithmetic in single precision costs, as a share of the longest offset or the farthest
+# coordinate; and the share of the longest offset that matters, however coarsely it was printed.
 SINGLE_PRECISION = 1e-6
 LARGEST_ROUNDING = 1e-2
 

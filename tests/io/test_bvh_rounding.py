@@ -81,6 +81,14 @@ def test_the_root_may_be_printed_in_its_own_way(load):
     assert motion.translated_joints == (0,)
 
 
+@pytest.mark.parametrize(("root", "moves"), [("700 0 0", False), ("7 0 0", True)])
+def test_single_precision_is_that_of_the_world(load, root, moves):
+    """Off by 3e-4 of 700: rounding if the root is there, movement if it is near."""
+    leg = ["1.3633600000 -1.7946300000 0.8392900000"] * 2
+    motion = load(text(FOUR, ["0 0 0", root], leg))
+    assert motion.translated_joints == ((0, 1) if moves else (0,))
+
+
 @pytest.mark.parametrize("block", [1, 100, 1 << 20])
 def test_digits_may_show_late_in_the_file(load, monkeypatch, block):
     monkeypatch.setattr(bvh_frames, "_PARSE_BYTES", block)
