@@ -8,6 +8,8 @@ back as changes, x + (y' - x'): what did not change keeps every bit. Nothing dep
 is taken, so o passes no gradient. O(T).
 """
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -41,7 +43,7 @@ def contacts_near(contacts: Contacts, origin: Float[Array, "3"]) -> Contacts:
     return eqx.tree_at(lambda c: c.target, contacts, moved.astype(origin.dtype))
 
 
-def floor_near(motion: Motion, origin: Float[Array, "3"], floor):
+def floor_near(motion: Motion, origin: Float[Array, "3"], floor: Any) -> Any:
     """A height moved by -o; what is no number (None, "auto") as it is."""
     if floor is None or isinstance(floor, str):
         return floor
