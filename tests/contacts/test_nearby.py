@@ -4,6 +4,8 @@ Roots, targets and moves are multiples of 2^-12, so that moving a clip rounds no
 float32, a thousand times its height away; and units are a power of two apart.
 """
 
+import itertools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -25,8 +27,8 @@ from jaxmotion.contacts import (
 FRAMES, CENTIMETRES = 40, 128.0
 AWAY = {"float64": (1e6, -2e6, 1.5e6), "float32": (2000.0, 1800.0, -1900.0)}
 FLOOR = 0.03125
-# The same programs in the other precision take half a minute to compile.
-LONG = {("satisfy", "float32"), ("hierarchical", "float64")}
+# The others take up to half a minute each to compile.
+QUICK = {("cleanup_footskate", "float32"), ("cleanup_root", "float64"), ("satisfy", "float64")}
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +111,10 @@ EDITS = {
 
 @pytest.mark.parametrize(
     ("name", "dtype"),
-    [(name, dtype) for name in EDITS for dtype in AWAY if (name, dtype) not in LONG],
+    [
+        pytest.param(*case, marks=[] if case in QUICK else pytest.mark.sweep)
+        for case in itertools.product(EDITS, AWAY)
+    ],
 )
 def test_edits(scenes, name, dtype):
     dtype = np.dtype(dtype)
