@@ -118,8 +118,7 @@ def test_conventions_tell_people_and_part_nothing():
     assert jax.tree.structure(told) == jax.tree.structure(assumed)
     assert eqx.tree_equal(told, assumed)
     assert assumed.conventions.metres == 0.01
-    assert hash(told.conventions) == hash(assumed.conventions)
-    assert told.conventions != "told"
+    assert told.conventions != assumed.conventions
 
 
 def test_feet_by_name_are_the_topmost_joint_of_each():
