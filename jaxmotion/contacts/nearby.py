@@ -21,18 +21,18 @@ from jaxmotion.motion import Motion
 
 def origin_of(motion: Motion) -> Float[Array, "3"]:
     """o, in the motion's unit and dtype."""
-    return jax.lax.stop_gradient(motion.translations[0, 0])
+    return jax.lax.stop_gradient(jnp.asarray(motion.translations[0, 0]))
 
 
 def motion_near(motion: Motion, origin: Float[Array, "3"]) -> Motion:
     """The motion moved by -o."""
-    return motion.with_transforms(motion.translations.at[:, 0].add(-origin))
+    return motion.with_transforms(jnp.asarray(motion.translations).at[:, 0].add(-origin))
 
 
 def moved_as(given: Motion, before: Motion, after: Motion) -> Motion:
     """``after`` back where ``given`` is, whose :func:`motion_near` is ``before``."""
     shift = after.translations[:, 0] - before.translations[:, 0]
-    return after.with_transforms(given.translations.at[:, 0].add(shift))
+    return after.with_transforms(jnp.asarray(given.translations).at[:, 0].add(shift))
 
 
 def contacts_near(contacts: Contacts, origin: Float[Array, "3"]) -> Contacts:
