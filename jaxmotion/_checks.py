@@ -16,7 +16,8 @@ in the branch that is thrown away too; with "nan" nothing is left of it.
 
 A batch spread over a mesh whose axes are explicit, which is what ``jax.make_mesh`` makes, is for
 ``jax.shard_map(jax.vmap(f), ..., check_vma=False)``: JAX refuses loops that end at another time for
-each element of a sharded axis ("Resource axis .. is not found in mesh").
+each element of a sharded axis ("Resource axis .. is not found in mesh"). Use "nan" there: where one
+device stops, the others wait for it until XLA ends the process.
 """
 
 import dataclasses

@@ -13,6 +13,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion.contacts.contact import Contacts
@@ -38,7 +39,7 @@ def moved_as(given: Motion, before: Motion, after: Motion) -> Motion:
 def contacts_near(contacts: Contacts, origin: Float[Array, "3"]) -> Contacts:
     """The contacts with targets moved by -o, in the origin's dtype."""
     target = jnp.asarray(contacts.target)
-    widest = jnp.promote_types(target.dtype, origin.dtype)
+    widest = np.promote_types(target.dtype, origin.dtype)
     moved = target.astype(widest) - origin.astype(widest)
     return eqx.tree_at(lambda c: c.target, contacts, moved.astype(origin.dtype))
 
@@ -47,4 +48,7 @@ def floor_near(motion: Motion, origin: Float[Array, "3"], floor: Any) -> Any:
     """A height moved by -o; what is no number (None, "auto") as it is."""
     if floor is None or isinstance(floor, str):
         return floor
-    return floor - origin["xyz".index(motion.skeleton.up)]
+    floor = jnp.asarray(floor)
+    widest = np.promote_types(floor.dtype, origin.dtype)
+    up = origin["xyz".index(motion.skeleton.up)]
+    return (floor.astype(widest) - up.astype(widest)).astype(origin.dtype)
