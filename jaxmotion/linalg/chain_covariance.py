@@ -73,7 +73,7 @@ def chain_knowledge(factor: ChainFactor) -> Knowledge:
 
 def _known_after(factor: ChainFactor) -> Information:
     """What frames j + 1 .. know of (x_j, v_{j+1}), as ``a (x + m v)^2 + d v^2``, j = 0 .. T-2."""
-    seen, _ = known(nothing_known(factor.chain), mirrored(factor.chain), reverse=True)
+    seen = known(nothing_known(factor.chain), mirrored(factor.chain), reverse=True)
     return jax.tree.map(lambda entry: entry[1:], seen)
 
 

@@ -145,7 +145,12 @@ def eliminate(info: Information, curvature: Array) -> Information:
 @jax.jit
 def chain_factor(chain: DifferenceChain) -> ChainFactor:
     """Eliminate frame after frame, O(T). Differentiable, as a scan."""
-    return ChainFactor(chain, *known(at_rest(chain), chain))
+    return with_gains(chain, known(at_rest(chain), chain))
+
+
+def with_gains(chain: DifferenceChain, info: Information) -> ChainFactor:
+    """The gains of all frames at once: a scan that keeps less runs faster."""
+    return ChainFactor(chain, info, gains(before(info, chain.curvature), info, chain))
 
 
 def at_rest(chain: DifferenceChain) -> Information:
@@ -160,15 +165,12 @@ def nothing_known(chain: DifferenceChain) -> Information:
     return Information(*[jnp.zeros(shape, chain.weight.dtype)] * 3)
 
 
-def known(
-    start: Information, chain: DifferenceChain, reverse: bool = False
-) -> tuple[Information, Gains]:
+def known(start: Information, chain: DifferenceChain, reverse: bool = False) -> Information:
     """What is known once each frame is read, before its velocity is eliminated."""
 
     def step(info, frame):
-        earlier = shifted(info)
-        seen = with_reading(earlier, frame.weight, frame.back, frame.speed)
-        return eliminate(seen, frame.curvature), (seen, gains(earlier, seen, frame))
+        seen = with_reading(shifted(info), frame.weight, frame.back, frame.speed)
+        return eliminate(seen, frame.curvature), seen
 
     return lax.scan(step, start, chain, reverse=reverse)[1]
 

@@ -43,11 +43,10 @@ from jaxmotion.linalg.difference_chain import (
     ChainFactor,
     DifferenceChain,
     Information,
-    before,
     expected,
-    gains,
     over,
     smoothest,
+    with_gains,
 )
 
 Matrix: TypeAlias = tuple[tuple[Array, Array], tuple[Array, Array]]
@@ -57,9 +56,7 @@ Matrix: TypeAlias = tuple[tuple[Array, Array], tuple[Array, Array]]
 def parallel_chain_factor(chain: DifferenceChain) -> ChainFactor:
     """Equal to :func:`chain_factor`, in O(log T) steps. Differentiable, as a scan."""
     one = jnp.ones_like(chain.weight[:1])
-    info = _known(chain, State(0 * one, 0 * one, one))
-    earlier = before(info, chain.curvature)
-    return ChainFactor(chain, info, gains(earlier, info, chain))
+    return with_gains(chain, _known(chain, State(0 * one, 0 * one, one)))
 
 
 def _known(chain: DifferenceChain, start: State) -> Information:
