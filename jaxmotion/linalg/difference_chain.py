@@ -263,13 +263,11 @@ def _is_zero(tangent) -> bool:
     return tangent is None or isinstance(tangent, SymbolicZero)
 
 
-def expected(factor: ChainFactor, c: Array | None) -> tuple[Array, Array, Array] | None:
-    """What a change of velocity c takes from y and adds to k, and takes from k on the way back."""
-    if c is None:
-        return None
-    lever, velocity = factor.info.lever, factor.info.velocity
-    rho = over(factor.chain.curvature, factor.spread)
-    return lever * rho * c, velocity * rho * c, factor.chain.curvature * c
+def shares(factor: ChainFactor) -> tuple[Array, Array, Array]:
+    """Of a change of velocity c: what it takes from y and adds to k, and takes from k on the way
+    back, each ``(T, *k)``."""
+    curvature, (_, lever, velocity) = factor.chain.curvature, factor.info
+    return lever * factor.gains.rho, velocity * factor.gains.rho, curvature
 
 
 def _substituted(factor: ChainFactor, z, f, c, level) -> Array:
@@ -284,8 +282,8 @@ def _substituted(factor: ChainFactor, z, f, c, level) -> Array:
         k = k if f is None else k + f
         y_next, k_next, k_back = y + by.lean * k, by.rho * k, k
         if c is not None:
-            toward, change, ahead = c
-            y_next, k_next, k_back = y_next - toward, k_next + change, k - ahead
+            c, (toward, change, ahead) = c
+            y_next, k_next, k_back = y_next - toward * c, k_next + change * c, k - ahead * c
         return (y_next, k_next), by.inverse * k_back - by.hold * y
 
     def backward(state, inputs):
@@ -295,7 +293,8 @@ def _substituted(factor: ChainFactor, z, f, c, level) -> Array:
         return (x, slack * v + hold * x + offset), x + level
 
     zero = jnp.zeros_like(z[0])
-    (end, _), offsets = lax.scan(forward, (zero, zero), (z, f, expected(factor, c), factor.gains))
+    c = None if c is None else (c, shares(factor))
+    (end, _), offsets = lax.scan(forward, (zero, zero), (z, f, c, factor.gains))
     back = factor.gains.slack, factor.gains.hold, offsets
     return lax.scan(backward, (end, zero), back, reverse=True)[1]
 

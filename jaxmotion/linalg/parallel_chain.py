@@ -43,8 +43,8 @@ from jaxmotion.linalg.difference_chain import (
     ChainFactor,
     DifferenceChain,
     Information,
-    expected,
     over,
+    shares,
     smoothest,
     with_gains,
 )
@@ -122,8 +122,8 @@ def _substituted(factor: ChainFactor, z, f, c, level) -> Array:
     by = factor.gains
     level = jnp.zeros((), z.dtype) if level is None else level
     z = z - level
-    pushed, c = 0 if f is None else f, expected(factor, c)
-    toward, change, ahead = (0, 0, 0) if c is None else c
+    pushed = 0 if f is None else f
+    toward, change, ahead = (0, 0, 0) if c is None else (share * c for share in shares(factor))
     matrix = (1 - by.take - by.lean * by.pull, by.lean), (-by.rho * by.pull, by.rho)
     k = by.pull * z + pushed
     vector = by.take * z + by.lean * k - toward, by.rho * k + change
