@@ -1,15 +1,23 @@
 """Several clips into one file: what ``align``, ``blend`` and ``stitch`` share."""
 
+import functools
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from jaxmotion._plain import irregular
-from jaxmotion.cli._options import Reading, Running, out_up_option
+from jaxmotion.cli._options import (
+    Reading,
+    Running,
+    out_up_option,
+    reading_options,
+    running_options,
+)
 from jaxmotion.cli._terminal import say
 
 if TYPE_CHECKING:
@@ -21,33 +29,41 @@ def a_file(**options: Any) -> Any:
     return click.Path(dir_okay=False, path_type=Path, **options)
 
 
+@dataclass(frozen=True)
+class Joining:
+    """Several files in, one out: what the options of :func:`joining_options` say."""
+
+    out: Path
+    out_up: str | None
+    overwrite: bool
+    dry_run: bool
+    reading: Reading
+    running: Running
+
+
 def join(
     combine: "Callable[[list[Motion]], tuple[Motion, str]]",
     sources: Sequence[Path],
-    out: Path,
-    reading: Reading,
+    joining: Joining,
     *,
-    out_up: str | None,
-    overwrite: bool,
-    dry_run: bool,
-    running: Running,
     uses_up: bool,
 ) -> None:
-    """Read ``sources``, ``combine`` them, which also says what was done, and write ``out``;
+    """Read ``sources``, ``combine`` them, which also says what was done, and write the result;
     ``uses_up``: as :func:`~jaxmotion.cli._work.read`."""
     from jaxmotion.cli import _files, _session
 
-    check_targets([out], sources, overwrite=overwrite)
-    if dry_run:
+    out = joining.out
+    check_targets([out], sources, overwrite=joining.overwrite)
+    if joining.dry_run:
         say(out)
         return
     _files.clearing([out])()
-    _session.start(cache=running.cache, little=_session.is_little(sources))
+    _session.start(cache=joining.running.cache, little=_session.is_little(sources))
     from jaxmotion.cli._work import finite, write
 
     with warned():
-        motion, summary = combine(read_clips(sources, reading, uses_up=uses_up))
-        write(finite(motion), out, overwrite=overwrite, up=out_up)
+        motion, summary = combine(read_clips(sources, joining.reading, uses_up=uses_up))
+        write(finite(motion), out, overwrite=joining.overwrite, up=joining.out_up)
     say(f"{out}: {summary}", err=True)
 
 
@@ -90,13 +106,19 @@ def warned() -> Iterator[None]:
         say(f"warning: {text}", err=True)
 
 
-def file_options(function: Callable) -> Callable:
-    """``-o --out-up --overwrite --dry-run``."""
-    for option in (
-        click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop."),
-        click.option("--overwrite", is_flag=True, help="Replace an output that exists."),
-        out_up_option,
-        click.option("-o", "--out", type=a_file(), required=True, help="The file to write."),
-    ):
-        function = option(function)
-    return function
+def joining_options(function: Callable) -> Callable:
+    """``-o --out-up --overwrite --dry-run`` and those of reading and running; the command is given
+    ``joining``."""
+
+    @click.option("-o", "--out", type=a_file(), required=True, help="The file to write.")
+    @out_up_option
+    @click.option("--overwrite", is_flag=True, help="Replace an output that exists.")
+    @click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop.")
+    @reading_options
+    @running_options
+    @functools.wraps(function)
+    def command(*args, out, out_up, overwrite, dry_run, reading, running, **values):
+        joining = Joining(out, out_up, overwrite, dry_run, reading, running)
+        return function(*args, joining=joining, **values)
+
+    return command

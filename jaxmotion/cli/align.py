@@ -2,19 +2,19 @@
 
 import itertools
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Literal
 
 import click
 
 from jaxmotion import __version__
 from jaxmotion._plain import as_json
-from jaxmotion.cli._joining import check_targets, read_clips, warned
-from jaxmotion.cli._options import (
-    Reading,
-    Running,
-    out_up_option,
-    reading_options,
-    running_options,
+from jaxmotion.cli._joining import (
+    Joining,
+    a_file,
+    check_targets,
+    joining_options,
+    read_clips,
+    warned,
 )
 from jaxmotion.cli._terminal import say
 
@@ -31,14 +31,9 @@ def _plot_suffix(ctx: click.Context, param: click.Parameter, value: Path | None)
     return value
 
 
-def _file(**options: Any) -> Any:
-    return click.Path(dir_okay=False, path_type=Path, **options)
-
-
 @click.command(short_help="Give a clip the timing of another.")
-@click.argument("source", type=_file(exists=True))
-@click.argument("reference", type=_file(exists=True))
-@click.option("-o", "--out", type=_file(), required=True, help="SOURCE in REFERENCE's timing.")
+@click.argument("source", type=a_file(exists=True))
+@click.argument("reference", type=a_file(exists=True))
 @click.option(
     "--method",
     type=click.Choice(["dtw", "warping"]),
@@ -61,32 +56,23 @@ def _file(**options: Any) -> Any:
     show_default=True,
     help="Frames over which the new timing is smoothed.",
 )
-@click.option("--path", type=_file(), help="Write the pairs of frames to this .json file.")
+@click.option("--path", type=a_file(), help="Write the pairs of frames to this .json file.")
 @click.option(
     "--plot",
-    type=_file(),
+    type=a_file(),
     callback=_plot_suffix,
     help="Draw the pairs of frames into this .png, .svg or .pdf file.",
 )
-@reading_options
-@out_up_option
-@click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
-@click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop.")
-@running_options
+@joining_options
 def command(
     source: Path,
     reference: Path,
-    out: Path,
-    method: str,
+    method: Literal["dtw", "warping"],
     steps: str,
     settle: float,
     path: Path | None,
     plot: Path | None,
-    reading: Reading,
-    out_up: str | None,
-    overwrite: bool,
-    dry_run: bool,
-    running: Running,
+    joining: Joining,
 ) -> None:
     """Give SOURCE the timing of REFERENCE: what happens in both happens at the same time.
 
@@ -98,22 +84,25 @@ def command(
     """
     from jaxmotion.cli import _files, _session
 
+    out, overwrite = joining.out, joining.overwrite
     targets = [file for file in (out, path, plot) if file is not None]
     check_targets(targets, [source, reference], overwrite=overwrite)
     if len({_files.real(file) for file in targets}) < len(targets):
         raise click.UsageError("-o, --path and --plot name the same file")
-    if dry_run:
+    if joining.dry_run:
         say(*targets)
         return
     if plot is not None:
         _require_matplotlib()
     _files.clearing(targets)()
-    _session.start(cache=running.cache, little=_session.is_little([source, reference]))
-    from jaxmotion.cli._work import write
+    _session.start(cache=joining.running.cache, little=_session.is_little([source, reference]))
+    from jaxmotion.cli._work import finite, write
+    from jaxmotion.timing import align
 
     with warned():
-        found = _align(source, reference, reading, method=method, step_pattern=steps, settle=settle)
-        write(found.motion, out, overwrite=overwrite, up=out_up)
+        clips = read_clips([source, reference], joining.reading)
+        found = align(*clips, method=method, step_pattern=steps, settle=settle)
+        write(finite(found.motion), out, overwrite=overwrite, up=joining.out_up)
     if path is not None:
         _write_path(found, path, source, reference, method, overwrite=overwrite)
     if plot is not None:
@@ -126,16 +115,6 @@ def _require_matplotlib() -> None:
 
     if find_spec("matplotlib") is None:
         raise click.ClickException("--plot needs Matplotlib: pip install 'jaxmotion[viz]'")
-
-
-def _align(source: Path, reference: Path, reading: Reading, **options: Any) -> "Alignment":
-    """Read both clips and align them."""
-    from jaxmotion.cli._work import finite
-    from jaxmotion.timing import align
-
-    found = align(*read_clips([source, reference], reading), **options)
-    finite(found.motion)
-    return found
 
 
 def _write_path(

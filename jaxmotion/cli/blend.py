@@ -5,14 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jaxmotion.cli._joining import a_file, file_options, join
-from jaxmotion.cli._options import (
-    Reading,
-    Running,
-    keep_contacts_option,
-    reading_options,
-    running_options,
-)
+from jaxmotion.cli._joining import Joining, a_file, join, joining_options
+from jaxmotion.cli._options import keep_contacts_option
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -22,25 +16,18 @@ if TYPE_CHECKING:
 @click.argument("reference", type=a_file(exists=True))
 @click.argument("first", type=a_file(exists=True))
 @click.argument("second", type=a_file(exists=True))
-@file_options
 @click.option(
     "--levels", type=click.IntRange(0), help="Levels of detail; by default 6 or what a clip allows."
 )
 @keep_contacts_option
-@reading_options
-@running_options
+@joining_options
 def command(
     reference: Path,
     first: Path,
     second: Path,
-    out: Path,
     levels: int | None,
     keep_contacts: bool,
-    reading: Reading,
-    out_up: str | None,
-    overwrite: bool,
-    dry_run: bool,
-    running: Running,
+    joining: Joining,
 ) -> None:
     """Write SECOND with what FIRST has and REFERENCE lacks: of a walk, a limp and a turn, a
     limping turn.
@@ -65,14 +52,4 @@ def command(
         return motion, f"{motion.num_frames} frames"
 
     sources = [reference, first, second]
-    join(
-        combine,
-        sources,
-        out,
-        reading,
-        out_up=out_up,
-        overwrite=overwrite,
-        dry_run=dry_run,
-        running=running,
-        uses_up=keep_contacts,
-    )
+    join(combine, sources, joining, uses_up=keep_contacts)

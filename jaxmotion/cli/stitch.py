@@ -1,18 +1,11 @@
 """``jaxmotion stitch``: clips one after another, without a seam."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from jaxmotion.cli._joining import file_options, join
-from jaxmotion.cli._options import (
-    Reading,
-    Running,
-    keep_contacts_option,
-    reading_options,
-    running_options,
-)
+from jaxmotion.cli._joining import Joining, join, joining_options
+from jaxmotion.cli._options import keep_contacts_option
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -20,7 +13,6 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Join clips without a seam.")
 @click.argument("files", nargs=-1, required=True, metavar="FILES...")
-@file_options
 @click.option(
     "--search",
     type=click.FloatRange(min=0),
@@ -37,20 +29,14 @@ if TYPE_CHECKING:
 )
 @click.option("--no-align", is_flag=True, help="Leave every clip where it stands and looks.")
 @keep_contacts_option
-@reading_options
-@running_options
+@joining_options
 def command(
     files: tuple[str, ...],
-    out: Path,
     search: float,
     levels: int | None,
     no_align: bool,
     keep_contacts: bool,
-    reading: Reading,
-    out_up: str | None,
-    overwrite: bool,
-    dry_run: bool,
-    running: Running,
+    joining: Joining,
 ) -> None:
     """Join FILES, in the order given; those of a folder or pattern, by name.
 
@@ -71,15 +57,5 @@ def command(
         dropped = sum(clip.num_frames for clip in clips) - len(clips) + 1 - joined.num_frames
         return joined, f"{len(clips)} clips in {joined.num_frames} frames, {dropped} dropped"
 
-    sources = [source.path for source in _files.expand(files, avoid=out)]
-    join(
-        combine,
-        sources,
-        out,
-        reading,
-        out_up=out_up,
-        overwrite=overwrite,
-        dry_run=dry_run,
-        running=running,
-        uses_up=True,
-    )
+    sources = [source.path for source in _files.expand(files, avoid=joining.out)]
+    join(combine, sources, joining, uses_up=True)
