@@ -150,6 +150,18 @@ def test_what_no_other_sample_contradicts_is_trusted(frames, loss, dtype):
     np.testing.assert_allclose(robust.translations, motion.translations, rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_of_one_sample_too_many_none_is_the_wrong_one(order, dtype):
+    """Any of three points off a line may be the one that is wrong, near each other or apart."""
+    y = np.random.default_rng(2).standard_normal((20, 2, 3)).astype(dtype)
+    few = np.zeros((20, 2), dtype)
+    few[[2, 3, 17][: order + 1]] = 1
+    np.testing.assert_array_equal(outlier_weights(y, weights=few, order=order), few)
+    few[9, 1] = 1
+    assert np.all(outlier_weights(y, weights=few, order=order)[:, 0] == few[:, 0])
+    assert np.any(outlier_weights(y, weights=few, order=order)[:, 1] < few[:, 1])
+
+
 @pytest.mark.parametrize("frames", [1, 2, 3, 4])
 def test_short_and_still_clips_give_finite_weights(frames):
     motion = random_motion(np.random.default_rng(0), frames, 3)
