@@ -77,11 +77,12 @@ class Notice(UserWarning):
 
 
 def told(caught: list[warnings.WarningMessage], *paths: Path) -> list[str]:
-    """What a user should hear of: repairs, changes of layout and notices, without the ``paths`` in
-    front."""
+    """What a user should hear of: repairs, changes of layout, notices and solvers that did not come
+    to rest, without the ``paths`` in front."""
     from jaxmotion.io import MotionFileWarning
+    from jaxmotion.spacetime import ConvergenceWarning
 
-    kinds = (MotionFileWarning, Notice)
+    kinds = (MotionFileWarning, Notice, ConvergenceWarning)
     texts = [str(w.message) for w in caught if issubclass(w.category, kinds)]
     for path in paths:
         texts = [text.removeprefix(f"{printable(path)}: ") for text in texts]

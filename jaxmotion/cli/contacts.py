@@ -104,7 +104,7 @@ def edit(motion: "Motion", length: int, *, finding: Any, way: str) -> "Motion":
     if not found.names:
         raise ValueError(_NO_FEET)
     if way == "spacetime":
-        return jm.spacetime.restore(motion, found, length=length)[0]
+        return jm.spacetime.keep_contacts(motion, motion, found, length=length)
     cleanup = jm.contacts.cleanup_footskate if way == "legs" else jm.contacts.cleanup_root
     return cleanup(motion, found, length=length)
 

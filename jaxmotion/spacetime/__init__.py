@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from jaxmotion._lazy import loader
 from jaxmotion.spacetime.joint_limits import JointLimits, learn_limits
-from jaxmotion.spacetime.keeping import keep_contacts, restore
+from jaxmotion.spacetime.keeping import ConvergenceWarning, keep_contacts, restore
 
 if TYPE_CHECKING:
     from jaxmotion.spacetime.solve import Report, Weights, satisfy
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 __getattr__ = loader(__name__, dict.fromkeys(("Report", "Weights", "satisfy"), "solve"))
 
 __all__ = [
+    "ConvergenceWarning",
     "JointLimits",
     "Report",
     "Weights",

@@ -12,11 +12,13 @@ Contacts are found with :func:`jaxmotion.contacts.detect`, or given. Cost as
 :func:`jaxmotion.spacetime.satisfy`, O(T) for a body.
 """
 
+import warnings
 from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jaxmotion import spacetime
 from jaxmotion._types import ScalarLike
@@ -29,6 +31,10 @@ if TYPE_CHECKING:
 
 _FADE = 0.2  # seconds
 _SIZE, _ROOT = 1.25e-7, 8.0
+
+
+class ConvergenceWarning(UserWarning):
+    """The iteration had not come to rest when its steps were used up."""
 
 
 def keep_contacts(
@@ -45,13 +51,22 @@ def keep_contacts(
     none; ``length``: number of frames that count, the first ones, for padded clips.
     **Returns:** a motion of the edit's shape. Differentiable in the edit and the targets.
     **Raises:** ``ValueError`` for clips or contacts of different lengths, or traced clips without
-    contacts.
+    contacts. **Warns:** :class:`ConvergenceWarning`, outside of ``jit`` and ``vmap``, where the
+    steps did not come to rest; :func:`restore` tells it inside too.
     """
     if isinstance(contacts, bool):
         if not contacts:
             return edit
         contacts = detect(original, length=length)
-    return restore(edit, contacts, length=length)[0]
+    answer, report = restore(edit, contacts, length=length)
+    if not isinstance(report.converged, Tracer) and not report.converged:
+        warnings.warn(
+            f"contacts are not at rest after {int(report.num_steps)} steps: points are up to "
+            f"{float(jnp.max(report.position_error)):.3g} (the file's unit) from their places",
+            ConvergenceWarning,
+            stacklevel=2,
+        )
+    return answer
 
 
 def restore(

@@ -3,6 +3,9 @@
 Figures are taken in numpy from world matrices.
 """
 
+import functools
+import warnings
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -12,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
 from jaxmotion.contacts import Contacts, detect, fit_distances, limb_lengths
-from jaxmotion.spacetime import keep_contacts, restore
+from jaxmotion.spacetime import ConvergenceWarning, keep_contacts, restore
 from tests.helpers import angle_between, random_motion, world_by_matrices
 
 FRAMES = 60
@@ -160,6 +163,20 @@ def test_out_of_reach_and_contradictory_contacts_are_reported(original, contacts
     assert np.isfinite(answer.translations).all()
     assert float(report.cost) < float(report.cost_before)
     assert float(report.position_error.min()) > 1
+
+
+def test_an_answer_that_is_not_at_rest_warns(original, contacts, monkeypatch):
+    """Nothing to say of an edit that settles; traced, the report tells."""
+    edit = jm.stylize(original, 2.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        keep_contacts(edit, original, contacts)
+    short = functools.partial(jm.spacetime.satisfy, max_steps=2)
+    monkeypatch.setattr(jm.spacetime, "satisfy", short)
+    with pytest.warns(ConvergenceWarning, match=r"not at rest after 2 steps: .* up to [0-9.]+ "):
+        got = keep_contacts(edit, original, contacts)
+    assert got.num_frames == FRAMES
+    jax.eval_shape(keep_contacts, edit, original, contacts)
 
 
 def test_traced_clips_are_restored_with_given_contacts(original, contacts):
