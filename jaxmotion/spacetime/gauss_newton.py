@@ -154,7 +154,9 @@ class _GaussNewton(optimistix.AbstractGaussNewton):
 
     def terminate(self, fn, y, args, options, state, tags):
         del fn, y, args, options, tags
-        return state.search_state.finished, state.result
+        finished, fine = state.search_state.finished, optimistix.RESULTS.successful
+        # Once at rest it does not matter whether another step could be made.
+        return finished, optimistix.RESULTS.where(finished, fine, state.result)  # pyright: ignore
 
 
 def _silent(**kwargs):

@@ -13,7 +13,11 @@ and e -> R^-1 (e - J_t mean) whitens: S^-1 = B^T B, B the filter run on means al
 Cholesky factor of the same matrix takes O(T d^3) (Kalman, 1960; Rauch, Tung and Striebel, 1965).
 
 Shapes: rows ``(T, r, d)``, b ``(T, d)``. Memory O(T d r). Sharp bits: digits are lost as the
-condition of S, and u may be that much larger than x; refine where float32 matters.
+condition of S, and u may be that much larger than x; refine where float32 matters. Rows that say
+the same, as those of heel and ball of one rigid foot do, leave S the 1 of I alone in some
+direction, and the rounding of J_t P_xx J_t^T, some eps |J_t|^2 max P_xx, may be more than that: a
+frame without a root R gets that much more than I, which is little beside what all other directions
+have.
 """
 
 import equinox as eqx
@@ -23,6 +27,8 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from jaxmotion.spacetime.prior import Walk
+
+_ROUNDING = 4.0
 
 
 class LowRankFactor(eqx.Module):
@@ -64,15 +70,16 @@ class LowRankFactor(eqx.Module):
 def low_rank_factor(walk: Walk, rows: Float[Array, "time row d"]) -> LowRankFactor:
     """Factor A ⊗ I + J^T J."""
     r, d = rows.shape[1:]
-    eye = jnp.eye(d, dtype=rows.dtype)
+    eye, each = jnp.eye(d, dtype=rows.dtype), jnp.eye(r, dtype=rows.dtype)
+    rounding = _ROUNDING * float(jnp.finfo(rows.dtype).eps)
 
     def frame(covariance, inputs):
         (xx, xv, vv), (rows, spring, drag, noise) = covariance, inputs
         seen = xx @ rows.T
-        low = jnp.linalg.cholesky(jnp.eye(r, dtype=rows.dtype) + rows @ seen)
-        root = lax.linalg.triangular_solve(
-            low, jnp.eye(r, dtype=rows.dtype), left_side=True, lower=True
-        )
+        root = _inverse_root(each + rows @ seen)
+        more = rounding * jnp.max(jnp.sum(rows**2, axis=1)) * jnp.max(jnp.diagonal(xx))
+        firm = _inverse_root((1 + more) * each + rows @ seen)
+        root = jnp.where(jnp.all(jnp.isfinite(root)), root, firm)
         gain_x, gain_v = seen @ root.T, (xv.T @ rows.T) @ root.T
         xx, xv, vv = xx - gain_x @ gain_x.T, xv - gain_x @ gain_v.T, vv - gain_v @ gain_v.T
         # One step of the walk: v <- keep v - spring x + noise, x <- x + v. Written for x by itself,
@@ -88,3 +95,9 @@ def low_rank_factor(walk: Walk, rows: Float[Array, "time row d"]) -> LowRankFact
     inputs = rows, walk.spring, walk.drag, noise
     _, (gain_x, gain_v, roots) = lax.scan(frame, start, inputs)
     return LowRankFactor(walk, rows, (gain_x, gain_v), roots)
+
+
+def _inverse_root(s: Float[Array, "row row"]) -> Float[Array, "row row"]:
+    """R^-1 of s = R R^T, NaN where there is none."""
+    eye = jnp.eye(s.shape[0], dtype=s.dtype)
+    return lax.linalg.triangular_solve(jnp.linalg.cholesky(s), eye, left_side=True, lower=True)

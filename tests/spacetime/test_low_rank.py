@@ -96,3 +96,39 @@ def test_a_long_clip_and_a_stiff_spring_stay_accurate():
     want = np.linalg.solve(dense, b.ravel()).reshape(frames, d)
     x = jax.jit(lambda j, b: low_rank_factor(stiff, j).solve(b))(jnp.asarray(jacobian), b)
     np.testing.assert_allclose(x, want, atol=1e-9 * np.abs(want).max())
+
+
+def rigid_pair(frames):
+    """Six rows of rank five: two points of one body by its place and turn, with A weak beside them
+    as it is in ``keep_contacts``."""
+    rng = np.random.default_rng(5)
+    first, apart = np.cumsum(0.05 * rng.standard_normal((2, frames, 3)), axis=1)
+    arms = [first - 0.9, first - 0.9 + [0.1, 0, 0.05] + 0.1 * apart]
+    cross = [np.cross(np.eye(3), arm[:, None]) for arm in arms]
+    place = np.broadcast_to(np.eye(3), (frames, 3, 3))
+    rows = [np.concatenate([place, np.swapaxes(c, 1, 2)], axis=2) for c in cross]
+    wave = np.sin(np.arange(frames)[:, None] / 5 + np.arange(6))
+    return np.concatenate(rows, axis=1), 0.1 * wave
+
+
+def test_rows_that_say_the_same_leave_float32_a_root():
+    """In S they see nothing but their 1, beside which the rounding of all else is some units."""
+    frames, size, bend = 60, 1.25e-7, 1.6e-4
+    rows, z = rigid_pair(frames)
+    seen = np.einsum("trd,td->tr", rows, z)
+    second = np.diff(np.eye(frames), n=2, axis=0)
+    dense = np.kron(size * np.eye(frames) + bend * second.T @ second, np.eye(6))
+    for t in range(frames):
+        dense[6 * t : 6 * t + 6, 6 * t : 6 * t + 6] += rows[t].T @ rows[t]
+    want = np.linalg.solve(dense, np.einsum("trd,tr->td", rows, seen).ravel()).reshape(frames, 6)
+
+    @jax.jit
+    def moved(rows, seen):
+        prior = Prior(jnp.asarray(size, rows.dtype), jnp.asarray(bend, rows.dtype))
+        factor = low_rank_factor(random_walk(prior, frames), rows)
+        return factor.pulled(factor.forces(seen))
+
+    np.testing.assert_allclose(moved(rows, seen), want, atol=1e-6)
+    for scale in np.linspace(1, 30, 12):  # the longer the rows, the more their rounding
+        x = moved(jnp.float32(scale * rows), jnp.float32(scale * seen))
+        np.testing.assert_allclose(x, moved(scale * rows, scale * seen), atol=0.01)
