@@ -257,7 +257,9 @@ def velocities(motion: Motion) -> WorldVelocity:
     x, q = pose.positions, pose.rotations
     linear = x[..., after, :, :] - x[..., before, :, :]
     turn = multiply(q[..., after, :, :], quaternion.conjugate(q[..., before, :, :]))
-    return WorldVelocity(linear / seconds, quaternion.log(turn) / seconds)
+    # A frame against itself: nothing, not the rounding of its product.
+    angular = quaternion.log(turn) if frames > 1 else jnp.zeros_like(q[..., 1:])
+    return WorldVelocity(linear / seconds, angular / seconds)
 
 
 def mirrored_pairs(skeleton: Skeleton) -> tuple[tuple[int, int], ...]:

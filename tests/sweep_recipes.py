@@ -154,6 +154,7 @@ FAR_APART = {"far float32": {"gradients": "differences of numbers a million in s
 NO_DIRECTION = {"quotients": "a joint that does not move has no direction to exceed"}
 ITERATED = {"quotients": "an iteration that stops at steps of 1e-5 rad is too coarse for them"}
 CONSTANT = {"quotients": "what is learned or chosen passes no gradient, as documented"}
+FLAT = dict.fromkeys(("jit", "vmap"), "one to three differences: most (lam, sigma) are as likely")
 MASK = multiresolution.binomial_mask(1)
 STATIC = "its arguments are static"
 DISCRETE = "its answer is discrete"
@@ -305,7 +306,9 @@ RECIPES = {
         lambda f, c: f(smoothing.lgs(c.p, c.lam, c.sigma, weights=c.weights), 1).variance, weighted
     ),
     "smoothing.tune": recipe(lambda f, c: f(c.p), positions, CONSTANT),
-    "smoothing.tune[motion]": recipe(lambda f, c: f(c.motion), skips=CONSTANT),
+    "smoothing.tune[motion]": recipe(
+        lambda f, c: f(c.motion), skips=CONSTANT, cases={"T3": FLAT, "joints200 float32": FLAT}
+    ),
     "smoothing.windowed_lgs": recipe(
         lambda f, c: f(c.p, c.lam, c.sigma, window=4), smoothed_positions
     ),
