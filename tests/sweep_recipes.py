@@ -21,7 +21,7 @@ from tests.sweep_cases import Case
 class Recipe(NamedTuple):
     """``run``: how to call the function; ``where``: the leaves to differentiate by; ``skips``:
     properties that do not apply, and why; ``cases``: the same for single cases ("stiff", or "stiff
-    float32" for one dtype alone), with "refused" for what the message of a ValueError says there;
+    float32" for one dtype alone), with "refused" for what the message of an error says there;
     ``coarse``: how many times more than rounding two ways to the same answer may differ."""
 
     run: Callable[[Callable, Case], Any]
@@ -287,7 +287,14 @@ RECIPES = {
         cases=dict.fromkeys(("identity", "still", "constant"), NO_DIRECTION),
     ),
     "samples.walk": untraced(sample, STATIC),
-    "smoothing.geodesic": recipe(lambda f, c: f(c.q, c.lam, c.sigma).mean, smoothed_rotations),
+    "smoothing.geodesic": recipe(
+        lambda f, c: f(c.q, c.lam, c.sigma).mean,
+        smoothed_rotations,
+        cases={
+            "stiff float32": {"refused": "lam . sigma is too large for the dtype"},
+            "opposite float64": {"refused": "data lie half a turn from the smoothed motion"},
+        },
+    ),
     "smoothing.lgs": recipe(lambda f, c: _posterior(f(c.p, c.lam, c.sigma)), smoothed_positions),
     "smoothing.lgs[parallel]": recipe(
         lambda f, c: f(c.p, c.lam, c.sigma, parallel=True).mean, smoothed_positions
@@ -330,7 +337,7 @@ RECIPES = {
     "timing.soft_dtw": recipe(lambda f, c: f(c.x, c.y), signals),
     "timing.unwarp": recipe(lambda f, c: f(*_warped(c)), positions),
     "layers.decompose": recipe(lambda f, c: f(c.motion)),
-    "layers.denoise": recipe(lambda f, c: f(c.motion), skips=CONSTANT),
+    "layers.denoise": recipe(lambda f, c: f(c.motion), skips=CONSTANT, cases={"T3": FLAT}),
     "layers.denoise[not tuned]": recipe(lambda f, c: f(c.motion, tune=False)),
     "layers.joint_weights": recipe(
         lambda f, c: f(c.motion.skeleton, {"*": 2.0}), skips={"gradients": STATIC}
@@ -345,7 +352,10 @@ RECIPES = {
     "multiresolution.best_cut": untraced(lambda f, c: f(c.motion, c.other, 2), DISCRETE),
     "multiresolution.binomial_mask": untraced(lambda f, c: f(2).astype(c.dtype), STATIC),
     "multiresolution.blend": recipe(lambda f, c: f(c.motion, c.other, c.third), both),
-    "multiresolution.build_pyramid": recipe(lambda f, c: f(c.motion)),
+    "multiresolution.build_pyramid": recipe(
+        lambda f, c: f(c.motion),
+        cases={"opposite": {"gradients": "half turns made again on the way back go either way"}},
+    ),
     "multiresolution.coarser_times": recipe(lambda f, c: f(c.times), lambda c: (c.times,)),
     "multiresolution.compress": untraced(
         lambda f, c: f(c.motion, rotation_tolerance=1e-2, translation_tolerance=1e-2),
