@@ -352,10 +352,7 @@ RECIPES = {
     "multiresolution.best_cut": untraced(lambda f, c: f(c.motion, c.other, 2), DISCRETE),
     "multiresolution.binomial_mask": untraced(lambda f, c: f(2).astype(c.dtype), STATIC),
     "multiresolution.blend": recipe(lambda f, c: f(c.motion, c.other, c.third), both),
-    "multiresolution.build_pyramid": recipe(
-        lambda f, c: f(c.motion),
-        cases={"opposite": {"gradients": "half turns made again on the way back go either way"}},
-    ),
+    "multiresolution.build_pyramid": recipe(lambda f, c: f(c.motion)),
     "multiresolution.coarser_times": recipe(lambda f, c: f(c.times), lambda c: (c.times,)),
     "multiresolution.compress": untraced(
         lambda f, c: f(c.motion, rotation_tolerance=1e-2, translation_tolerance=1e-2),
