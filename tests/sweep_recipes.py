@@ -151,7 +151,10 @@ ILL_CONDITIONED = {
     "stiff float32": dict.fromkeys(("gradients", "jit", "vmap"), "... that is 1 / eps: none left"),
 }
 FAR_APART = {"far float32": {"gradients": "differences of numbers a million in size"}}
-NO_DIRECTION = {"quotients": "a joint that does not move has no direction to exceed"}
+NO_DIRECTION = {
+    name: {"quotients": "a joint that does not move has no direction to exceed"}
+    for name in ("identity", "still", "constant")
+}
 ITERATED = {"quotients": "an iteration that stops at steps of 1e-5 rad is too coarse for them"}
 CONSTANT = {"quotients": "what is learned or chosen passes no gradient, as documented"}
 FLAT = dict.fromkeys(("jit", "vmap"), "one to three differences: most (lam, sigma) are as likely")
@@ -274,7 +277,7 @@ RECIPES = {
     "samples.idle": untraced(sample, STATIC),
     "samples.inject_errors": recipe(
         lambda f, c: f(c.motion, c.key, length=(1, 2)),
-        cases=dict.fromkeys(("identity", "still", "constant"), NO_DIRECTION),
+        cases=NO_DIRECTION,
     ),
     "samples.jump": untraced(sample, STATIC),
     "samples.kick": untraced(sample, STATIC),
@@ -290,7 +293,7 @@ RECIPES = {
     "samples.swap_limbs": recipe(lambda f, c: f(c.motion, c.key, length=(1, 2)), cases=NO_PAIRS),
     "samples.violate_limits": recipe(
         lambda f, c: f(c.motion, c.key, length=(1, 2)),
-        cases=dict.fromkeys(("identity", "still", "constant"), NO_DIRECTION),
+        cases=NO_DIRECTION,
     ),
     "samples.walk": untraced(sample, STATIC),
     "smoothing.geodesic": recipe(

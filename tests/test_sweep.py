@@ -166,12 +166,12 @@ class Checks:
             terms = [w * y for w, y in zip(weights, floats(out), strict=True)]
             return terms, eqx.filter(out, eqx.is_array_like)
 
-        def total(x):
+        def summed(x):
             terms, out = f(x)
             return sum(jnp.sum(term) for term in terms), out
 
         _, forward, out = jax.jvp(f, (x,), (t,), has_aux=True)
-        return out, forward, jax.grad(total, has_aux=True)(x)[0]
+        return out, forward, jax.grad(summed, has_aux=True)(x)[0]
 
     def faults(self, name: str, dtype: str) -> dict[str, str]:
         """What fails in a case: property to what was seen."""

@@ -76,10 +76,11 @@ def low_rank_factor(walk: Walk, rows: Float[Array, "time row d"]) -> LowRankFact
     def frame(covariance, inputs):
         (xx, xv, vv), (rows, spring, drag, noise) = covariance, inputs
         seen = xx @ rows.T
-        root = _inverse_root(each + rows @ seen)
+        own = each + rows @ seen
+        root = _inverse_root(own)
         more = rounding * jnp.max(jnp.sum(rows**2, axis=1)) * jnp.max(jnp.diagonal(xx))
-        firm = _inverse_root((1 + more) * each + rows @ seen)
-        root = jnp.where(jnp.all(jnp.isfinite(root)), root, firm)
+        rooted = jnp.all(jnp.isfinite(root))
+        root = lax.cond(rooted, lambda: root, lambda: _inverse_root(own + more * each))
         gain_x, gain_v = seen @ root.T, (xv.T @ rows.T) @ root.T
         xx, xv, vv = xx - gain_x @ gain_x.T, xv - gain_x @ gain_v.T, vv - gain_v @ gain_v.T
         # One step of the walk: v <- keep v - spring x + noise, x <- x + v. Written for x by itself,
