@@ -301,7 +301,9 @@ RECIPES = {
         smoothed_rotations,
         cases={
             "stiff float32": {"refused": "lam . sigma is too large for the dtype"},
+            "stiff float64": {"gradients": "digits go as (lam sigma)^2 = 1e12, as documented"},
             "opposite float64": {"refused": "data lie half a turn from the smoothed motion"},
+            "opposite float32": {"gradients": "the answer is no minimum, which is an error"},
         },
     ),
     "smoothing.lgs": recipe(lambda f, c: _posterior(f(c.p, c.lam, c.sigma)), smoothed_positions),

@@ -96,10 +96,7 @@ DERIVED = (
 EITHER_WAY = {"opposite": dict.fromkeys(("jit", "vmap", "quotients"), "half turns go either way")}
 # What is wrong today: (function, case, dtype, property) and why. A mark that no longer fails is an
 # error, so that the mark goes with the fault.
-FAULTS: dict[tuple[str, str, str, str], str] = {
-    ("layers.time_warp", "far", "float32", "gradients"): "positions a million away are "
-    "interpolated as they are",
-}
+FAULTS: dict[tuple[str, str, str, str], str] = {}
 REFUSALS = ValueError, eqx.EquinoxRuntimeError
 
 

@@ -33,19 +33,23 @@ from typing import Literal
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax
 import numpy as np
 import optimistix
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import raise_faults
+from jaxmotion._checks import Fault, raise_faults
 from jaxmotion._numerics import safe_norm
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
-from jaxmotion.linalg.block_banded import block_banded_factor, block_banded_selected_inverse
-from jaxmotion.linalg.least_squares import BlockBandedCholesky, GaussNewton, probe_blocks
+from jaxmotion.linalg.block_banded import (
+    BlockBandedFactor,
+    block_banded_factor,
+    block_banded_selected_inverse,
+    block_banded_substitute,
+)
+from jaxmotion.linalg.least_squares import GaussNewton, probe_blocks
 from jaxmotion.smoothing.design import Observations, observe
 from jaxmotion.smoothing.outliers import BEND
 from jaxmotion.smoothing.rotations import smooth_quaternions
@@ -245,11 +249,11 @@ def geodesic(
     ``scale``: as :func:`~jaxmotion.smoothing.lgs`; ``weights``: f[Nd] or f[Nd, J], >= 0, dividing
     the noise variance, 0 for missing data, whatever q holds there; ``loss``: "huber" and "cauchy"
     bound the pull of outliers; ``throw``: whether not converging is an error (else look at
-    ``converged``).
+    ``converged``), and a derivative where there is none (else NaN).
     **Returns:** :class:`GeodesicPosterior`, in q's dtype.
     **Raises:** ``ValueError`` for shapes and options that do not fit and known bad values; at run
     time for q not unit or NaN at positive weight, lam or sigma not positive, data at fewer than two
-    distinct frames (one for order 1), and for not converging.
+    distinct frames (one for order 1), and as ``throw`` says.
     """
     q = jnp.asarray(q)
     if q.ndim < 2 or q.shape[-1] != 4:
@@ -294,7 +298,6 @@ def geodesic(
 def _solve(problem: _Problem, throw: bool, joints: tuple[int, ...]) -> GeodesicPosterior:
     frozen = jax.tree.map(lax.stop_gradient, problem)
     still = frozen.still
-    inner = BlockBandedCholesky(problem.order)
     found = optimistix.least_squares(
         _residuals,
         GaussNewton(0.0, float(jnp.finfo(still.dtype).eps) ** (2 / 3), problem.order),
@@ -314,9 +317,14 @@ def _solve(problem: _Problem, throw: bool, joints: tuple[int, ...]) -> GeodesicP
         answer = raise_faults(answer, [(failed, message)])
     problem = eqx.tree_at(lambda p: p.start, problem, answer)
 
+    def solve(hessian, b):
+        blocks = probe_blocks(hessian, jax.eval_shape(lambda: b), problem.order)
+        factor = block_banded_factor(blocks, throw=False)
+        faults = _no_minimum(factor) if throw else []
+        return block_banded_substitute(factor, raise_faults(b, faults))
+
     def tangent_solve(hessian, b):
-        operator = lineax.FunctionLinearOperator(hessian, jax.eval_shape(lambda: b))
-        return lineax.linear_solve(operator, b, inner, throw=False).value
+        return lax.custom_linear_solve(hessian, b, solve, symmetric=True)
 
     # The answer again, as the root of the torque: nothing moves, but derivatives pass.
     turn = lax.custom_root(
@@ -326,3 +334,13 @@ def _solve(problem: _Problem, throw: bool, joints: tuple[int, ...]) -> GeodesicP
     problem = eqx.tree_at(lambda p: p.start, problem, mean)
     steps = jnp.asarray(found.stats["num_steps"])
     return GeodesicPosterior(mean.reshape(-1, *joints, 4), steps, found.result, problem)
+
+
+def _no_minimum(hessian: BlockBandedFactor) -> list[Fault]:
+    """The fault of an answer that has no derivative; steps can end where the cost is balanced."""
+    message = (
+        "geodesic: no derivative: the answer is no strict minimum. Data lie half a turn apart, a "
+        "robust loss weighs equal groups of them against each other, or lam * sigma is too large "
+        "for the dtype"
+    )
+    return [(~jnp.all(jnp.isfinite(hessian.roots)), message)]

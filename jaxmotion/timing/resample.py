@@ -180,24 +180,37 @@ def read_motion(
         )
         reading = _padded(reading, rotations.shape[0] - 1, bucket_size(wanted))
     h, interval, fraction = map(jnp.asarray, reading)
+    place = _place(translations[:, moved])
+    translations = translations[:, moved] - place
     if method == "slerp":
-        poses = _slerp(translations[:, moved], rotations, interval, fraction)
+        poses = _slerp(translations, rotations, interval, fraction)
     else:
         if smoothing.ndim:
             smoothing = jnp.concatenate([jnp.repeat(smoothing[moved], 3), jnp.repeat(smoothing, 4)])
         length = jnp.asarray(frames, jnp.int32)
-        curve = _curve(translations[:, moved], rotations, h, smoothing, length, method, signs)
+        curve = _curve(translations, rotations, h, smoothing, length, method, signs)
         poses = _read(h, *curve, interval, fraction, len(moved))
     new_translations, new_rotations = (part[:wanted] for part in poses)
     still = jnp.broadcast_to(motion.translations[:1], (wanted, motion.num_joints, 3))
     return Motion(
         motion.skeleton,
-        still.at[:, moved].set(new_translations),
+        still.at[:, moved].set(place + new_translations),
         new_rotations,
         frame_time,
         translated_joints=motion.translated_joints,
         frame_time_text=motion.frame_time_text if frame_time is motion.frame_time else None,
     )
+
+
+@jax.jit
+def _place(translations: Float[Array, "time moved 3"]) -> Float[Array, "1 moved 3"]:
+    """Where a clip is that is far from the origin: its first positions, where no other is further
+    from them than half of what they are, else 0. What is left when they are taken off is exact
+    (Sterbenz), so that float32 keeps how positions change and adding them gives the clip back.
+    """
+    start = jax.lax.stop_gradient(translations[:1])
+    far = jnp.all(jnp.abs(translations - start) <= jnp.abs(start) / 2, axis=0, keepdims=True)
+    return jnp.where(far, start, 0)
 
 
 @eqx.filter_jit

@@ -315,6 +315,22 @@ def test_bad_input_is_named():
             geodesic(bad, LAM, SIGMA)
 
 
+def test_a_balance_that_is_no_minimum_has_no_derivative():
+    """Half the frames lie 40 sigma on either side of the stiff answer, where the loss has a top."""
+    turns = 0.4 * np.where(np.arange(8) % 4 < 2, 1, -1)[:, None] * np.array([1.0, 0, 0])
+    q = jnp.asarray(quaternion.exp(turns))
+
+    def mean(sigma, throw):
+        return geodesic(q, 1e6, sigma, order=1, loss="cauchy", throw=throw).mean
+
+    answer, slope = jax.jvp(lambda s: mean(s, False), (0.01,), (1.0,))
+    assert largest_angle(answer, quaternion.identity((8,))) < 1e-3
+    assert np.isnan(slope).any()
+    for derivative in (jax.jacfwd, jax.jacrev):
+        with pytest.raises(Exception, match="no derivative: the answer is no strict minimum"):
+            jax.jit(derivative(lambda s: mean(s, True)))(0.01)
+
+
 def test_chordal_and_geodesic_answers_on_a_real_clip(data_dir):
     """Eq. 10: near one another for gentle smoothing, further apart the more is smoothed away."""
     motion = io.load(data_dir / "bandai" / "bow_angry_001.bvh")

@@ -280,6 +280,24 @@ def test_derivatives():
         )
 
 
+@pytest.mark.parametrize("method", ["lgs", "cubic", "slerp"])
+def test_derivatives_far_from_the_origin(method):
+    """A million away float32 knows positions to 1/16; how they change with time is as near."""
+    near = clip(9, 24, dtype=np.float32, joints=1)
+    steps = np.round(np.asarray(near.translations) * 16) / 16  # exact far away too
+    near = near.with_transforms(translations=steps.astype(np.float32))
+    index = jnp.array([0, 1.2, 2.9, 4.1, 5.3, 7.6, 8.2, 9.9, 11.1], jnp.float32)
+
+    def slopes(motion):
+        def read(index):
+            return resample(motion, index=index, num_frames=12, method=method).translations
+
+        return jax.jvp(read, (index,), (jnp.linspace(-1, 1, 9, dtype=jnp.float32),))[1]
+
+    far = near.with_transforms(translations=near.translations + np.float32(1e6))
+    np.testing.assert_allclose(slopes(far), slopes(near), atol=1e-6)
+
+
 def test_compiled_and_mapped():
     motions = [random_motion(np.random.default_rng(s), 7, 3) for s in (0, 0)]
     other = motions[1].with_transforms(rotations=motions[1].rotations[::-1])
