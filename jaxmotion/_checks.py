@@ -1,7 +1,8 @@
 """Run-time checks: what a wrong value does, everywhere in the package.
 
-A value that is known, of Python, NumPy or JAX, is a ``ValueError``: :func:`require`. One that is
-traced is only known when the program runs, and then the setting decides (:func:`checks`):
+A value that is known, of Python, NumPy or JAX, is a ``ValueError``: :func:`one_of` for choices,
+:func:`counted` for how many frames count, :func:`require` for all others. One that is traced
+(:func:`traced`) is only known when the program runs, and then the setting decides (:func:`checks`):
 
     "raise"   the program stops with the message (``equinox.EquinoxRuntimeError``; under a
               ``jax.jit`` of your own, JAX's ``JaxRuntimeError``), which under ``vmap`` names the
@@ -23,7 +24,7 @@ device stops, the others wait for it until XLA ends the process.
 import dataclasses
 import functools
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Literal, TypeAlias, TypeVar
 
@@ -32,7 +33,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Int
+
+from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 
 Mode: TypeAlias = Literal["raise", "nan", "off"]
 Fault: TypeAlias = tuple[Bool[Array, ""], str]
@@ -62,16 +65,55 @@ def checks(mode: Mode) -> Iterator[None]:
     own ``jax.jit`` too. Arguments known to Python raise ``ValueError`` in every mode.
     **Raises:** ``ValueError`` for another mode.
     """
-    if mode not in _MODES:
-        raise ValueError(f"checks: mode={mode!r}; expected 'raise', 'nan' or 'off'")
+    one_of("checks: mode", mode, _MODES)
     with _chosen(mode):
         yield
+
+
+def traced(*values: Any) -> bool:
+    """Whether any array of the values is only known when the program runs."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values))
+
+
+def known(value: ArrayLike) -> AnyArray:
+    """``value`` as an array: NumPy's, unless it is traced."""
+    return value if isinstance(value, Tracer) else np.asarray(value)  # type: ignore[return-value]
+
+
+def one_of(name: str, value: Any, choices: Iterable[Any]) -> None:
+    """``ValueError`` unless ``value`` is one of the choices; ``name`` as in "align: method"."""
+    choices = tuple(choices)
+    if isinstance(value, (np.ndarray, jax.Array)) or value not in choices:
+        *others, last = map(repr, choices)
+        listed = f"{', '.join(others)} or {last}" if others else last
+        raise ValueError(f"{name}={value!r}; expected {listed}")
+
+
+def counted(
+    name: str, length: ScalarLike | None, frames: int, values: Tree = None
+) -> tuple[Int[Array, ""], Tree]:
+    """How many of the ``frames`` count, all for None, and the ``values`` that depend on it.
+
+    ``ValueError`` unless it is a whole number from 1 to ``frames``; traced, as
+    :func:`raise_faults`, which the values go through. ``name`` as in "decompose: length".
+    """
+    if length is None:
+        return jnp.asarray(frames, jnp.int32), values
+    message = f"{name} must be a whole number from 1 to the {frames} frames there are"
+    number = known(length)
+    if number.shape != () or not (
+        jnp.issubdtype(number.dtype, jnp.integer) or (not traced(number) and number % 1 == 0)
+    ):
+        raise ValueError(f"{message}, got {length}")
+    wrong = (number < 1) | (number > frames)
+    count = jnp.clip(jnp.asarray(number).astype(jnp.int32), 1, frames)
+    return require((count, values), wrong, message, got=length)
 
 
 def require(value: Tree, bad: Any, text: str, *, got: Any = None) -> Tree:
     """``value``, unless ``bad`` (Python, NumPy or JAX, scalar) holds: ``ValueError`` where that is
     known, with ``got``, else as :func:`raise_faults`."""
-    if isinstance(bad, Tracer):
+    if traced(bad):
         return raise_faults(value, [(bad, text)])
     if bool(bad):
         raise ValueError(text if got is None else f"{text}, got {got}")

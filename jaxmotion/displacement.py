@@ -17,6 +17,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from jaxmotion._checks import one_of
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.motion import Motion
@@ -69,8 +70,7 @@ def minus(motion: Motion, reference: Motion, sense: Sense = "world") -> Displace
             f"minus: motion has shape {motion.rotations.shape}, reference "
             f"{reference.rotations.shape} (time, joint, 4); they must agree"
         )
-    if sense not in ("world", "body"):
-        raise ValueError(f"minus: sense={sense!r}; expected 'world' or 'body'")
+    one_of("minus: sense", sense, ("world", "body"))
     u = motion.translations - reference.translations
     turn = between(reference.rotations, motion.rotations)
     if sense == "body":

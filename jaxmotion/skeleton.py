@@ -17,6 +17,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from jaxmotion._checks import one_of
 from jaxmotion._file_facts import file_fact
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
@@ -170,8 +171,7 @@ class Skeleton(Portable):
             )
         if self.asf and len(self.asf) != joints:
             raise ValueError(f"Skeleton: asf must have {joints} entries, got {len(self.asf)}")
-        if self.up not in ("x", "y", "z"):
-            raise ValueError(f"Skeleton: up={self.up!r}; expected 'x', 'y' or 'z'")
+        one_of("Skeleton: up", self.up, ("x", "y", "z"))
 
     @property
     def num_joints(self) -> int:

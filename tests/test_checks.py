@@ -10,11 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmotion import Motion, checks, decompose, denoise, quaternion, stylize
-from jaxmotion._checks import poisoned, raise_faults, require
+from jaxmotion import Motion, checks, decompose, denoise, quaternion, resample, samples, stylize
+from jaxmotion._checks import counted, one_of, poisoned, raise_faults, require
+from jaxmotion.contacts import ContactPoints, Contacts, cleanup_root, detect
 from jaxmotion.layers import time_warp
-from jaxmotion.multiresolution import build_pyramid
+from jaxmotion.multiresolution import build_pyramid, filter_motion
 from jaxmotion.smoothing import StreamingSmoother, geodesic, lgs, suggest_keys
+from jaxmotion.spacetime import restore
+from jaxmotion.timing import align, dtw, soft_dtw
 from tests.helpers import no_shape_checks, random_skeleton
 
 
@@ -133,6 +136,104 @@ def test_what_is_known_is_a_value_error_in_every_mode():
     assert poisoned(3.0, [(jnp.asarray(True), "")]) == 3
 
 
+def test_a_choice_is_one_of_those_there_are():
+    for value in ("fast", None, 1, jnp.asarray(1), np.array(["dtw"])):
+        with pytest.raises(ValueError, match=r"align: method=.*; expected 'dtw' or 'warping'"):
+            one_of("align: method", value, ("dtw", "warping"))
+    for value in (None, True, "either"):
+        one_of("open_end", value, (None, True, "either"))
+    with pytest.raises(ValueError, match="expected 'only'"):
+        one_of("x", "other", {"only": 1})
+
+
+@pytest.mark.parametrize("kind", [int, np.int64, np.asarray, jnp.asarray])
+def test_how_many_frames_count(kind):
+    assert int(counted("f: length", kind(5), 5)[0]) == 5
+    for wrong in (-3, 0, 6):
+        with pytest.raises(
+            ValueError, match=rf"f: length must be .* 1 to the 5 frames.*got {wrong}"
+        ):
+            counted("f: length", kind(wrong), 5)
+
+
+def test_how_many_frames_count_may_be_left_out_and_is_whole():
+    x = np.ones(3)
+    length, same = counted("f: length", None, 7, x)
+    assert (int(length), length.dtype) == (7, np.int32)
+    assert same is x
+    assert int(counted("f: length", 4.0, 7)[0]) == 4
+    for wrong in (2.5, [1, 2], jnp.arange(2)):
+        with no_shape_checks(), pytest.raises(ValueError, match="must be a whole number"):
+            counted("f: length", wrong, 7)
+    with pytest.raises(ValueError, match="must be a whole number"):
+        jax.jit(lambda n: counted("f: length", n, 7)[0])(2.0)
+
+
+_TIMES = np.arange(12.0)
+_COST = np.random.default_rng(0).uniform(1, 2, (5, 6))
+
+
+def _paused():
+    """A walk of 12 frames with its feet."""
+    motion = clip(joints=4)
+    points = ContactPoints(motion.skeleton, [3])
+    return motion, Contacts(points, np.ones((12, 1), bool), np.zeros((12, 1, 3)))
+
+
+# Wrong in silence once: what each function was given, and what it says now.
+_KNOWN = {
+    "gamma": lambda one: decompose(clip(), gamma=one(5.0)),
+    "gamma below": lambda one: decompose(clip(), gamma=one(-1.0)),
+    "smoothing": lambda one: resample(clip(), num_frames=8, smoothing=one(-1.0)),
+    "index": lambda one: resample(clip(), index=one(np.arange(12)[::-1]), num_frames=12),
+    "temperature": lambda one: soft_dtw(cost=_COST, gamma=one(-1.0)),
+    "settle": lambda one: align(clip(), clip(), settle=one(-1.0)),
+    "mask": lambda one: filter_motion(clip(), one(np.array([0.5, 1.0, 0.5]))),
+    "stream": lambda one: StreamingSmoother(one(-1.0), 1.0),
+    "lam": lambda one: lgs(_TIMES, one(-1.0), 1.0),
+    "weights": lambda one: lgs(_TIMES, 1.0, 1.0, weights=one(-_TIMES)),
+    "index of lgs": lambda one: lgs(_TIMES, 1.0, 1.0, index=one(_TIMES + 1), num_frames=12),
+    "rate": lambda one: samples.drop_frames(clip(), jax.random.key(0), rate=one(1.5)),
+    "noise": lambda one: samples.add_noise(clip(), jax.random.key(0), rotation=one(-1.0)),
+    "length of decompose": lambda one: decompose(clip(), length=one(99)),
+    "length of denoise": lambda one: denoise(clip(), length=one(0)),
+    "length of detect": lambda one: detect(clip(), length=one(99)),
+    "no length of detect": lambda one: detect(clip(), length=one(0)),
+    "length of a pyramid": lambda one: build_pyramid(clip(), 2, length=one(99)),
+    "negative length": lambda one: build_pyramid(clip(), 2, length=one(-3)),
+    "times of padding": lambda one: build_pyramid(clip(), times=one(0 * _TIMES), length=12),
+    "length of signs": lambda one: quaternion.least_energy_signs(clip().rotations, length=one(0)),
+    "x_length": lambda one: dtw(cost=_COST, x_length=one(99)),
+    "y_length": lambda one: soft_dtw(cost=_COST, y_length=one(99)),
+    "length of contacts": lambda one: restore(*_paused(), length=one(99)),
+    "length of root": lambda one: cleanup_root(*_paused(), length=one(99)),
+}
+
+
+@pytest.mark.parametrize("what", _KNOWN)
+def test_what_is_known_to_be_wrong_is_a_value_error(what):
+    """Of Python (where it is one number), NumPy and JAX alike."""
+    for array in (lambda x: x, np.asarray, jnp.asarray):
+        with pytest.raises(ValueError, match=r"must|expected|want"):
+            _KNOWN[what](array)
+
+
+def test_lengths_of_dtw_are_those_there_are():
+    """x_length=99 of 5 frames once gave less than the least there is."""
+    x, y = np.random.default_rng(0).normal(size=(2, 5, 3))
+    for f in (dtw, soft_dtw):
+        with pytest.raises(ValueError, match=rf"{f.__name__}: x_length must be"):
+            f(x, y, x_length=99)
+    padded = np.concatenate([x, np.full((3, 3), 50.0)])
+    assert dtw(padded, y, x_length=jnp.asarray(5)).cost == dtw(x, y).cost
+
+
+def test_keys_that_are_known_need_no_number_of_frames():
+    index = np.arange(12) * 2.0
+    found = resample(clip(), index=jnp.asarray(index))
+    np.testing.assert_array_equal(found.rotations, resample(clip(), index=index).rotations)
+
+
 # Every public function with a check of its own: what it computes from a faulty element, a fault.
 def _keys(allowed):
     return suggest_keys(lgs(jnp.arange(6.0) ** 2, 1.0, 1.0), 2, candidates=allowed).variance
@@ -155,7 +256,6 @@ def _timed(method):
     return lambda pairs: time_warp(clip(), pairs=pairs, num_frames=12, method=method)
 
 
-_TIMES = jnp.arange(12.0)
 _SITES = {
     "lgs": (lambda s: lgs(jnp.arange(5.0), 1.0, s).mean, jnp.asarray(1.0), jnp.asarray(-1.0)),
     "keys": (_keys, jnp.ones(6, bool), jnp.arange(6) < 1),
@@ -172,7 +272,55 @@ _SITES = {
         jnp.asarray(0.1),
         jnp.asarray(-0.1),
     ),
-    "pyramid": (_pyramid, _TIMES, _TIMES.at[5].set(2.0)),
+    "pyramid": (_pyramid, _TIMES, np.where(_TIMES == 5, 2.0, _TIMES)),
+    "times of padding": (
+        lambda t: build_pyramid(clip(), 1, times=t, length=6).base.rotations[:4],
+        _TIMES,
+        np.where(_TIMES == 3, 0.0, _TIMES),
+    ),
+    "length of a pyramid": (
+        lambda n: build_pyramid(clip(), 1, length=n).base.rotations,
+        jnp.asarray(12),
+        jnp.asarray(99),
+    ),
+    "gamma": (lambda g: decompose(clip(), gamma=g).base, jnp.asarray(1.0), jnp.asarray(5.0)),
+    "smoothing": (
+        lambda s: resample(clip(), num_frames=8, smoothing=s).rotations,
+        jnp.asarray(1.0),
+        jnp.asarray(-1.0),
+    ),
+    "index": (
+        lambda i: resample(clip(), index=i, num_frames=14).rotations,
+        _TIMES,
+        _TIMES[::-1],
+    ),
+    "settle": (
+        lambda s: align(clip(), clip(1), settle=s).motion.rotations,
+        jnp.asarray(1.0),
+        jnp.asarray(-1.0),
+    ),
+    "mask": (
+        lambda m: filter_motion(clip(), m).rotations,
+        jnp.array([0.25, 0.5, 0.25]),
+        jnp.array([0.5, 1.0, 0.5]),
+    ),
+    "temperature": (
+        lambda g: soft_dtw(cost=_COST, gamma=g),
+        jnp.asarray(1.0),
+        jnp.asarray(-1.0),
+    ),
+    "x_length": (lambda n: dtw(cost=_COST, x_length=n).cost, jnp.asarray(3), jnp.asarray(99)),
+    "y_length": (lambda n: soft_dtw(cost=_COST, y_length=n), jnp.asarray(3), jnp.asarray(0)),
+    "length of signs": (
+        lambda n: quaternion.least_energy_signs(clip().rotations, length=n),
+        jnp.asarray(12),
+        jnp.asarray(0),
+    ),
+    "rate": (
+        lambda r: samples.flip_signs(clip(), jax.random.key(0), rate=r).motion.rotations,
+        jnp.asarray(0.5),
+        jnp.asarray(1.5),
+    ),
 }
 
 

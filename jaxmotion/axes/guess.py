@@ -23,8 +23,8 @@ is not guessed: lying, crawling, seated, upside down, cameras, unknown names. Nu
 from typing import NamedTuple
 
 import numpy as np
-from jax.core import Tracer
 
+from jaxmotion._checks import traced
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton, feet_by_name
 
@@ -50,7 +50,7 @@ def guess_up(motion: Motion) -> UpGuess:
     **Returns:** an :class:`UpGuess`.
     **Raises:** ``ValueError`` for a traced motion, a batch, or no frames.
     """
-    if isinstance(motion.rotations, Tracer):
+    if traced(motion.rotations):
         raise ValueError("guess_up: the motion is traced; guess outside of jit and vmap")
     if np.ndim(motion.rotations) != 3 or motion.num_frames == 0:
         raise ValueError(

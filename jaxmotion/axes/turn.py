@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmotion import quaternion
+from jaxmotion._checks import one_of
 from jaxmotion.motion import Motion
 
 
@@ -31,8 +32,7 @@ def reorient(motion: Motion, up: str = "y") -> Motion:
     if it stands so already.
     **Raises:** ``ValueError`` for another axis.
     """
-    if up not in ("x", "y", "z"):
-        raise ValueError(f"reorient: up={up!r}; expected 'x', 'y' or 'z'")
+    one_of("reorient: up", up, ("x", "y", "z"))
     skeleton = motion.skeleton
     a, b = ("xyz".index(axis) for axis in (skeleton.up, up))
     if a == b:

@@ -20,10 +20,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
+from jaxmotion._checks import counted, one_of, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import height_speed, rigid
@@ -66,26 +66,25 @@ def detect(
     **Raises:** ``ValueError`` for an unknown method, both points and joints, a window of fewer than
     2 frames; under ``jit`` or ``vmap`` when ``points`` or ``window`` are left out.
     """
-    if method not in ("segments", "thresholds"):
-        raise ValueError(f"detect: method={method!r}; expected 'segments' or 'thresholds'")
+    one_of("detect: method", method, ("segments", "thresholds"))
     if points is not None and joints is not None:
         raise ValueError("detect: points and joints are both given; expected one of them")
     if isinstance(floor, str) and floor != "auto":
         raise ValueError(f"detect: floor={floor!r}; expected 'auto', a number or None")
     if joints is not None:
         points = ContactPoints(motion.skeleton, joints)
-    elif points is None:
-        points = find_feet(motion, length=None if length is None else int(length))
+    count, motion = counted("detect: length", length, motion.num_frames, motion)
+    if points is None:
+        points = find_feet(motion, length=count)
     frames = min(_window(motion, window), motion.num_frames)
     kind = motion.dtype
     level = floor if floor is None or isinstance(floor, str) else jnp.asarray(floor, kind)
-    count = motion.num_frames if length is None else length
     return _detect(motion, points, method, level, frames, jnp.asarray(tolerance, kind), count)
 
 
 def _window(motion: Motion, window: int | None) -> int:
     if window is None:
-        if isinstance(motion.frame_time, Tracer):
+        if traced(motion.frame_time):
             raise ValueError(
                 "detect: the motion is traced, so its frame rate is unknown; pass window=..., "
                 "the number of frames in 0.08 s"
@@ -104,10 +103,10 @@ def _detect(
     floor: Array | str | None,
     window: int,
     tolerance: Float[Array, ""],
-    length: ScalarLike,
+    length: Int[Array, ""],
 ) -> Contacts:
     frames = np.arange(motion.num_frames, dtype=np.int32)
-    valid = jnp.asarray(frames) < jnp.asarray(length, jnp.int32)
+    valid = jnp.asarray(frames) < length
     origin = origin_of(motion)
     motion, floor = motion_near(motion, origin), floor_near(motion, origin, floor)
     pose = forward_kinematics(motion)

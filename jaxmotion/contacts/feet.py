@@ -17,9 +17,10 @@ A foot of one joint without a tip has one point, its ankle. NumPy in float64 on 
 from typing import NamedTuple
 
 import numpy as np
-from jax.core import Tracer
 
 from jaxmotion import quaternion
+from jaxmotion._checks import counted, traced
+from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import ContactPoints, Limb, limb_above
 from jaxmotion.contacts.nearby import motion_near, origin_of
 from jaxmotion.kinematics import forward_kinematics
@@ -36,7 +37,7 @@ class _Foot(NamedTuple):
     limb: Limb | None
 
 
-def find_feet(motion: Motion, *, length: int | None = None) -> ContactPoints:
+def find_feet(motion: Motion, *, length: ScalarLike | None = None) -> ContactPoints:
     """Heels and balls of the feet; no points for a skeleton without feet.
 
     **Arguments:** ``motion``: T frames, J joints, of known values (not traced): the floor's
@@ -44,15 +45,16 @@ def find_feet(motion: Motion, *, length: int | None = None) -> ContactPoints:
     **Returns:** :class:`ContactPoints` in the order of the joints, heel before ball.
     **Raises:** ``ValueError`` under ``jit`` and ``vmap``; find the points outside.
     """
-    if isinstance(motion.rotations, Tracer):
+    if traced(motion.rotations, length):
         raise ValueError(
             "find_feet: the motion is traced; find the points outside of jit or vmap and pass "
             "points=..."
         )
+    count = int(counted("find_feet: length", length, motion.num_frames)[0])
     skeleton = motion.skeleton
     pose = forward_kinematics(motion_near(motion, origin_of(motion)))
     world, turns, tips = (
-        np.asarray(a, np.float64)[:length]
+        np.asarray(a, np.float64)[:count]
         for a in (pose.positions, pose.rotations, pose.end_positions)
     )
     up = np.eye(3)["xyz".index(skeleton.up)]

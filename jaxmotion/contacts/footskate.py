@@ -26,6 +26,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmotion._checks import counted
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
@@ -83,7 +84,7 @@ def cleanup_footskate(
     if not feet.limbs:
         return motion
     kind = motion.dtype
-    count = jnp.asarray(motion.num_frames if length is None else length, jnp.int32)
+    count, motion = counted("cleanup_footskate: length", length, motion.num_frames, motion)
     level = None if floor is None else jnp.asarray(floor, kind)
     stretched = None if stretch == 0 else jnp.asarray(stretch, kind)
     return _cleanup(motion, contacts, feet, stretched, jnp.asarray(fade, kind), level, count)

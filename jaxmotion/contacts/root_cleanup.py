@@ -14,6 +14,7 @@ T frames, C points, O(T·(J + C)). Differentiable in motion and targets.
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmotion._checks import counted
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts
@@ -47,7 +48,7 @@ def cleanup_root(
     if contacts.num_points == 0:
         return motion
     level = None if floor is None else jnp.asarray(floor, motion.dtype)
-    count = jnp.asarray(motion.num_frames if length is None else length, jnp.int32)
+    count, motion = counted("cleanup_root: length", length, motion.num_frames, motion)
     return _cleanup(motion, contacts, level, count)
 
 

@@ -37,6 +37,7 @@ from typing import Literal
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmotion._checks import one_of
 from jaxmotion._plain import printable
 from jaxmotion.io.amc import read_amc, write_amc
 from jaxmotion.io.asf import read_asf
@@ -82,8 +83,7 @@ def load_amc(
     ``angle``.
     """
     asked = seconds_of(fps, "load_amc")
-    if angle not in (None, "deg", "rad"):
-        raise ValueError(f"load_amc: angle={angle!r}; expected 'deg' or 'rad'")
+    one_of("load_amc: angle", angle, (None, "deg", "rad"))
     path = Path(path)
     dtype = float_type(dtype)
     asf = asf_beside(path) if asf is None else Path(asf)

@@ -18,6 +18,7 @@ from dataclasses import replace
 from os import PathLike
 from typing import Literal, TypeAlias
 
+from jaxmotion._checks import one_of
 from jaxmotion.axes import guess_up, reorient
 from jaxmotion.io.errors import MotionFileWarning
 from jaxmotion.motion import Motion
@@ -47,10 +48,9 @@ def with_up(motion: Motion, up: Up | None, path: str | PathLike, reader: str) ->
     """
     if up is None:
         return motion
-    if up in ("x", "y", "z"):
-        return _known(motion, up, "told")
+    one_of(f"{reader}: up", up, ("x", "y", "z", "auto"))
     if up != "auto":
-        raise ValueError(f"{reader}: up={up!r}; expected 'x', 'y', 'z' or 'auto'")
+        return _known(motion, up, "told")
     guess, skeleton = guess_up(motion), motion.skeleton
     if guess.axis is None:
         text = f"cannot tell the up axis ({guess.reason}); {skeleton.up} is taken"
@@ -87,8 +87,7 @@ def turned_to(motion: Motion, up: UpOut, writer: str) -> Motion:
 
     **Raises:** ``ValueError``, worded for ``writer``, for another value.
     """
-    if up not in ("x", "y", "z", "keep"):
-        raise ValueError(f"{writer}: up={up!r}; expected 'x', 'y', 'z' or 'keep'")
+    one_of(f"{writer}: up", up, ("x", "y", "z", "keep"))
     return motion if up == "keep" else reorient(motion, up)
 
 

@@ -27,6 +27,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
+from jaxmotion._checks import counted, one_of, require
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, ScalarLike
@@ -91,44 +92,44 @@ def decompose(
     **Raises:** ``ValueError`` for an unknown scope or method or a γ outside (0, π); at run time as
     ``smoothing.lgs`` and ``smoothing.geodesic``.
     """
-    if scope not in ("global", "per_joint"):
-        raise ValueError(f"decompose: scope={scope!r}; expected 'global' or 'per_joint'")
-    if not isinstance(gamma, jax.Array) and not 0 < float(gamma) < np.pi:
-        raise ValueError(f"decompose: gamma={gamma}; expected an angle between 0 and π")
+    one_of("decompose: scope", scope, ("global", "per_joint"))
     check_method(method, "decompose")
-    weights = counted_weights(motion, weights, length)
+    motion, weights = counted_weights(motion, weights, length, "decompose")
     gamma, lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (gamma, lam_c, sigma_c))
+    outside = ~((gamma > 0) & (gamma < np.pi))
+    message = "decompose: gamma must be an angle between 0 and π"
+    motion = require(motion, outside, message, got=gamma)
     return _decompose(motion, weights, gamma, lam_c, sigma_c, scope, order, tune, method)
 
 
 def check_method(method: str, caller: str) -> None:
     """``ValueError`` unless layers can be had by this method."""
-    if method not in ("chordal", "geodesic"):
-        raise ValueError(f"{caller}: method={method!r}; expected 'chordal' or 'geodesic'")
+    one_of(f"{caller}: method", method, ("chordal", "geodesic"))
 
 
 def counted_weights(
-    motion: Motion, weights: ArrayLike | None, length: ScalarLike | None
-) -> Array | None:
-    """``weights``, 0 from frame ``length`` on; None where all count.
+    motion: Motion, weights: ArrayLike | None, length: ScalarLike | None, caller: str
+) -> tuple[Motion, Array | None]:
+    """The motion, its ``length`` checked, and ``weights``, 0 from frame ``length`` on; None where
+    all count.
 
-    **Raises:** ``ValueError`` for weights that are neither f[T] nor f[T, J].
+    **Raises:** ``ValueError`` for weights that are neither f[T] nor f[T, J]; as ``counted``.
     """
     frames, joints = motion.num_frames, motion.num_joints
     counts = None
     if length is not None:
-        counted = length > np.arange(frames)  # pyright: ignore[reportOperatorIssue]
-        counts = jnp.asarray(counted, motion.dtype)
+        count, motion = counted(f"{caller}: length", length, frames, motion)
+        counts = (jnp.arange(frames, dtype=count.dtype) < count).astype(motion.dtype)
     if weights is None:
-        return counts
+        return motion, counts
     weights = jnp.asarray(weights, motion.dtype)
     if weights.shape not in ((frames,), (frames, joints)):
         raise ValueError(
             f"weights have shape {weights.shape}; expected ({frames},) or ({frames}, {joints})"
         )
     if counts is None:
-        return weights
-    return weights * counts.reshape(-1, *[1] * (weights.ndim - 1))
+        return motion, weights
+    return motion, weights * counts.reshape(-1, *[1] * (weights.ndim - 1))
 
 
 @compiled

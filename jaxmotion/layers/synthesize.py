@@ -93,7 +93,7 @@ def denoise(
     **Raises:** as :func:`decompose` and :func:`synthesize`.
     """
     check_method(method, "denoise")
-    weights = counted_weights(motion, weights, length)
+    motion, weights = counted_weights(motion, weights, length, "denoise")
     if robust:
         weights = outlier_weights(motion, weights=weights)
     kept = 1.0 - jnp.asarray(strength, motion.dtype)

@@ -22,11 +22,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion, spacetime
-from jaxmotion._checks import raise_faults, require
+from jaxmotion._checks import require, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts, detect
@@ -130,7 +129,7 @@ def _source_times(
 def _landing(motion: Motion, amount: Array) -> Float[Array, " frame"]:
     """u, where the frames of the clip (padded, unless it is traced) land when it is slowed."""
     clips = motion.translations, motion.rotations
-    if motion.num_frames > 1 and not any(isinstance(clip, Tracer) for clip in clips):
+    if motion.num_frames > 1 and not traced(clips):
         clips = [pad_to_bucket(np.asarray(clip))[0] for clip in clips]  # type: ignore[arg-type]
     translations, rotations = clips
     moved = np.asarray(motion.translated_joints, np.int32)
@@ -162,28 +161,27 @@ def _slowed(
 
 def _knots_of_pairs(pairs: ArrayLike, motion: Motion) -> tuple[Array, Array]:
     """Warped and source times of the pairs, the start and the end, in frames."""
-    traced = isinstance(pairs, Tracer) or isinstance(motion.frame_time, Tracer)
-    xp, end = (jnp if traced else np), motion.num_frames - 1
-    given = xp.asarray(pairs, motion.dtype if traced else np.float64)
+    unknown = traced(pairs, motion.frame_time)
+    xp, end = (jnp if unknown else np), motion.num_frames - 1
+    given = xp.asarray(pairs, motion.dtype if unknown else np.float64)
     if given.ndim != 2 or given.shape[1] != 2 or not given.shape[0]:
         raise ValueError(
             f"time_warp: pairs have shape {given.shape}; expected (K, 2), K at least 1"
         )
-    frame_time = motion.frame_time if traced else float(motion.frame_time)
+    frame_time = motion.frame_time if unknown else float(motion.frame_time)
     given = given / frame_time
-    if not traced and given[0, 0] == given[0, 1] == 0:
+    if not unknown and given[0, 0] == given[0, 1] == 0:
         given = given[1:]
     known = xp.concatenate([xp.zeros((1, 2), given.dtype), given])
-    if traced or known[-1, 0] < end - _NEARLY:  # the clip runs on at its own speed
+    if unknown or known[-1, 0] < end - _NEARLY:  # the clip runs on at its own speed
         onward = known[-1:] + (end - known[-1, 0])
         known = xp.concatenate([known, onward])
     wrong = (xp.diff(known, axis=0) <= 0).any() | ~xp.isfinite(known).all()
     wrong = wrong | (known[-1, 0] > end + _NEARLY)
     message = "time_warp: pairs must increase in both columns, from 0 to the end of the clip"
-    if traced:
-        known = raise_faults(known, [(wrong, message)])
-    elif wrong:
-        raise ValueError(f"{message}, {end * frame_time:g} s; got {np.asarray(pairs).tolist()}")
+    if not unknown:
+        message = f"{message}, {end * frame_time:g} s"
+    known = require(known, wrong, message, got=pairs)
     source, warped = jnp.asarray(known, motion.dtype).T
     return warped, source
 
@@ -200,7 +198,7 @@ def _ease_in_frames(ease: Sequence[ScalarLike], frame_time: Array, duration: Arr
 
 
 def _concrete(duration: ScalarLike) -> float:
-    if isinstance(duration, Tracer):
+    if traced(duration):
         raise ValueError("time_warp: traced arguments decide the duration; give num_frames")
     return float(duration)
 

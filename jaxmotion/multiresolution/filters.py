@@ -18,9 +18,9 @@ so q and −q filter alike, and a joint that turns by π between two frames has 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import require
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.kernels import quaternions_of, rotations_of, steps, turned
@@ -104,11 +104,12 @@ def _step_weights(mask: ArrayLike, frames: int, dtype) -> Array:
             f"mask has shape {shape}; expected an odd number of coefficients, (2k + 1,) or "
             f"({frames}, 2k + 1) with a row a frame"
         )
-    if not isinstance(mask, Tracer):
-        sums = np.ravel(np.asarray(mask, np.float64).sum(-1))
-        if not np.allclose(sums, 1.0, rtol=0, atol=1e-4):
-            raise ValueError(f"mask sums to {sums[0]:g}; expected 1, so that poses stay")
     mask = jnp.asarray(mask, dtype)
+    sums = jnp.sum(mask, axis=-1)
+    wrong = ~jnp.all(jnp.abs(sums - 1) <= 1e-4)
+    mask = require(
+        mask, wrong, "filter_motion: the mask must sum to 1, so that poses stay", got=sums
+    )
     half = shape[-1] // 2
     left = -jnp.cumsum(mask[..., :half], axis=-1)
     right = jnp.flip(jnp.cumsum(jnp.flip(mask[..., half + 1 :], -1), axis=-1), -1)

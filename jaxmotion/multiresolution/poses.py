@@ -115,10 +115,10 @@ def check_single(motion: Motion, caller: str) -> None:
 
 
 def checked_times(
-    times: Times | None, frames: int, dtype, caller: str, *, padded: bool = False
+    times: Times | None, frames: int, dtype, caller: str, count: Array | None = None
 ) -> Array | None:
-    """Times in the motion's dtype, one a frame and (unless ``padded``) increasing: ``ValueError``,
-    or an error at run time for traced ones."""
+    """Times in the motion's dtype, one a frame, increasing over the ``count`` that count (None for
+    all): ``ValueError``, or an error at run time for traced ones."""
     if times is None:
         return None
     if np.shape(times) != (frames,):
@@ -126,7 +126,7 @@ def checked_times(
             f"{caller}: times has shape {np.shape(times)}; expected ({frames},), one a frame"
         )
     times = jnp.asarray(times, dtype)
-    if padded:
-        return times
-    wrong = jnp.any(~(times[1:] > times[:-1]))
-    return require(times, wrong, f"{caller}: times must increase from frame to frame")
+    falling = ~(times[1:] > times[:-1])
+    if count is not None:
+        falling = falling & (jnp.arange(1, frames, dtype=count.dtype) < count)
+    return require(times, jnp.any(falling), f"{caller}: times must increase from frame to frame")

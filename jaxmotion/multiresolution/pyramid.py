@@ -25,6 +25,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from jaxmotion._checks import counted
 from jaxmotion._file_facts import compiled, file_fact
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ScalarLike
@@ -103,11 +104,12 @@ def build_pyramid(
     """
     check_single(motion, "build_pyramid")
     levels = level_count(motion.num_frames, levels, "build_pyramid")
-    times = checked_times(
-        times, motion.num_frames, motion.dtype, "build_pyramid", padded=length is not None
-    )
-    length = None if length is None else jnp.asarray(length, int)
-    return _build(motion, levels, times, lazy, length)
+    count = None
+    if length is not None:
+        count, motion = counted("build_pyramid: length", length, motion.num_frames, motion)
+        count = count.astype(int)
+    times = checked_times(times, motion.num_frames, motion.dtype, "build_pyramid", count)
+    return _build(motion, levels, times, lazy, count)
 
 
 def level_count(frames: int, levels: int | None, caller: str) -> int:

@@ -26,10 +26,10 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array
 
 from jaxmotion import quaternion, spacetime
+from jaxmotion._checks import require, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion.contacts import Contacts
 from jaxmotion.displacement import Displacement
@@ -70,8 +70,7 @@ def stitch(
         raise ValueError("stitch: motions is empty; expected at least one clip")
     first, *others = motions
     check_single(first, "stitch")
-    for clip in others:
-        _check_pair(first, clip)
+    others = [_checked_second(first, clip) for clip in others]
     moving = tuple(sorted({j for m in motions for j in m.translated_joints}))
     joined = unseamed = with_moving_joints(first, moving)
     for clip in others:
@@ -96,9 +95,8 @@ def best_cut(first: Motion, second: Motion, search: int) -> tuple[int, int]:
 
     **Raises:** ``ValueError`` for clips of different skeletons, traced clips or a negative search.
     """
-    _check_pair(first, second)
-    traced = (first.rotations, second.rotations, first.frame_time)
-    if search < 0 or any(isinstance(x, Tracer) for x in traced):
+    second = _checked_second(first, second)
+    if search < 0 or traced(first.rotations, second.rotations, first.frame_time):
         raise ValueError(f"best_cut: search={search}; expected 0 or more, and clips not traced")
     beside = round(_BESIDE / float(first.frame_time))
     rows, columns = (min(search, m.num_frames // 2) + 1 for m in (first, second))
@@ -153,8 +151,7 @@ def follow(first: Motion, second: Motion) -> Motion:
     **Arguments:** two clips of one skeleton. **Returns:** a motion of ``second``'s shape.
     **Raises:** ``ValueError`` for different skeletons.
     """
-    _check_pair(first, second)
-    return _follow(first, second)
+    return _follow(first, _checked_second(first, second))
 
 
 @compiled
@@ -235,22 +232,21 @@ def _reversed(pyramid: Pyramid) -> Pyramid:
 
 def _default_levels(first: Motion, second: Motion) -> int:
     fps = first.fps
-    if isinstance(fps, Tracer):
+    if traced(fps):
         raise ValueError("stitch: the frame time is traced; give levels")
     wanted = max(0, round(float(np.log2(_HALF_TRANSITION * float(fps)))))
     return min(wanted, *(len(level_sizes(m.num_frames)) - 1 for m in (first, second)))
 
 
-def _check_pair(first: Motion, second: Motion) -> None:
+def _checked_second(first: Motion, second: Motion) -> Motion:
+    """The second clip, of the joints and the frame time of the first."""
     check_single(second, "stitch")
     if second.skeleton.names != first.skeleton.names:
         raise ValueError(
             f"stitch: the clips have different joints, {list(first.skeleton.names)} and "
             f"{list(second.skeleton.names)}"
         )
-    frame_times = first.frame_time, second.frame_time
-    if any(isinstance(t, Tracer) for t in frame_times):
-        return
-    one, other = (float(t) for t in frame_times)
-    if abs(one - other) > 1e-4 * one:
-        raise ValueError(f"stitch: the clips have frame times {one:g} and {other:g}; resample one")
+    one, other = jnp.asarray(first.frame_time), jnp.asarray(second.frame_time)
+    message = "stitch: the clips must have one frame time; resample one of them"
+    got = f"{one} and {other}"
+    return require(second, abs(one - other) > 1e-4 * one, message, got=got)

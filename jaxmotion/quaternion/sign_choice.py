@@ -22,12 +22,13 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from jaxmotion._types import ArrayLike, Quaternion
+from jaxmotion._checks import counted
+from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
 from jaxmotion.quaternion.algebra import align_signs
 
 
 def least_energy_signs(
-    q: Quaternion, times: ArrayLike | None = None, *, length: ArrayLike | None = None
+    q: Quaternion, times: ArrayLike | None = None, *, length: ScalarLike | None = None
 ) -> Quaternion:
     """Choose between q and −q along axis 0 so that the curve through all keys bends least.
 
@@ -42,8 +43,8 @@ def least_energy_signs(
     times = jnp.arange(n, dtype=q.dtype) if times is None else jnp.asarray(times, q.dtype)
     if times.shape != (n,):
         raise ValueError(f"times has shape {times.shape}; want ({n},), one a quaternion")
-    length = jnp.asarray(n if length is None else length, jnp.int32)
-    return _signed(q, times, length) if n > 2 else align_signs(q)
+    count, q = counted("least_energy_signs: length", length, n, q)
+    return _signed(q, times, count) if n > 2 else align_signs(q)
 
 
 @jax.jit

@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import one_of
 from jaxmotion._numerics import rounding_angle, safe_norm, safe_sqrt, series_switch
 from jaxmotion._types import ArrayLike, Quaternion
 from jaxmotion.quaternion.algebra import between, leading_axis, multiply, normalize
@@ -43,15 +44,11 @@ def mean(
     **Returns:** q's shape without ``axis``, on the hemisphere of the first sample.
     **Raises:** ``ValueError`` for an unknown method or a component axis.
     """
+    one_of("mean: method", method, ("karcher", "recursive", "chordal"))
     samples, w = _samples(q, weights, axis)
-    if method == "chordal":
-        result = _chordal(samples, w)
-    elif method == "karcher":
-        result = _karcher(samples, w)
-    elif method == "recursive":
+    if method == "recursive":
         return _recursive(samples, w)
-    else:
-        raise ValueError(f"mean: method={method!r}; expected 'karcher', 'recursive' or 'chordal'")
+    result = _chordal(samples, w) if method == "chordal" else _karcher(samples, w)
     return jnp.where(jnp.sum(result * samples[0], -1, keepdims=True) < 0, -result, result)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import jax
 
+from jaxmotion._checks import one_of
 from jaxmotion._types import ScalarLike
 from jaxmotion.samples.actions import dance, idle, jump, kick
 from jaxmotion.samples.corruptions import Corrupted, add_noise
@@ -26,8 +27,7 @@ def load(name: str, **options) -> Sample:
 
     **Raises:** ``ValueError``, listing the names, if there is none; as the function otherwise.
     """
-    if name not in _CLIPS:
-        raise ValueError(f"no sample is called {name!r}; the samples are {', '.join(_CLIPS)}")
+    one_of("load: name", name, _CLIPS)
     return _CLIPS[name](**options)
 
 

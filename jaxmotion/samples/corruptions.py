@@ -15,10 +15,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Bool, PRNGKeyArray, UInt32
 
 from jaxmotion import quaternion
+from jaxmotion._checks import require
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import ScalarLike
 from jaxmotion.motion import Motion
@@ -43,7 +43,7 @@ def add_noise(
     ``motion.translated_joints`` if ``translation`` is not.
     **Raises:** ``ValueError`` for a negative amount.
     """
-    _check_not_negative("add_noise", rotation=rotation, translation=translation)
+    motion = _not_negative("add_noise", motion, rotation=rotation, translation=translation)
     kind = motion.dtype
     return _add_noise(motion, key, jnp.asarray(rotation, kind), jnp.asarray(translation, kind))
 
@@ -56,7 +56,7 @@ def drop_frames(motion: Motion, key: Key, *, rate: ScalarLike = 0.1) -> Corrupte
     **Arguments:** ``rate``: share of frames lost, from 0 to 1.
     **Raises:** ``ValueError`` for a rate out of range.
     """
-    _check_rate("drop_frames", rate)
+    motion = _with_share("drop_frames", motion, rate)
     return _drop(motion, key, jnp.asarray(rate, motion.dtype))
 
 
@@ -70,7 +70,7 @@ def slide_root(motion: Motion, key: Key, *, amount: ScalarLike = 0.1) -> Corrupt
     chain from the root (about the height from the hips to the hands or toes).
     **Raises:** ``ValueError`` for a negative amount.
     """
-    _check_not_negative("slide_root", amount=amount)
+    motion = _not_negative("slide_root", motion, amount=amount)
     return _slide(motion, key, jnp.asarray(amount, motion.dtype))
 
 
@@ -80,7 +80,7 @@ def flip_signs(motion: Motion, key: Key, *, rate: ScalarLike = 0.05) -> Corrupte
     **Arguments:** ``rate``: share of the entries negated, from 0 to 1.
     **Raises:** ``ValueError`` for a rate out of range.
     """
-    _check_rate("flip_signs", rate)
+    motion = _with_share("flip_signs", motion, rate)
     return _flip(motion, key, jnp.asarray(rate, motion.dtype))
 
 
@@ -147,12 +147,14 @@ def replace_where(motion, mask, rotations) -> Corrupted:
     return Corrupted(motion.with_transforms(rotations=kept), mask)
 
 
-def _check_not_negative(who, **amounts):
+def _not_negative(who: str, motion: Motion, **amounts: ScalarLike) -> Motion:
     for name, value in amounts.items():
-        if not isinstance(value, Tracer) and not np.all(np.asarray(value) >= 0):
-            raise ValueError(f"{who}: {name}={value!r}; expected a number of at least 0")
+        wrong = ~jnp.all(jnp.asarray(value) >= 0)
+        motion = require(motion, wrong, f"{who}: {name} must be 0 or more", got=value)
+    return motion
 
 
-def _check_rate(who, rate):
-    if not isinstance(rate, Tracer) and not 0 <= float(rate) <= 1:
-        raise ValueError(f"{who}: rate={rate!r}; expected a share from 0 to 1")
+def _with_share(who: str, motion: Motion, rate: ScalarLike) -> Motion:
+    share = jnp.asarray(rate)
+    wrong = ~jnp.all((share >= 0) & (share <= 1))
+    return require(motion, wrong, f"{who}: rate must be a share from 0 to 1", got=rate)

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxmotion._checks import Fault
+from jaxmotion._checks import Fault, known, traced
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg.chain_covariance import Knowledge
@@ -107,8 +107,8 @@ def observe(
 ) -> tuple[Observations, list[Fault]]:
     """Check the arguments of a smoother and build its ``Observations``.
 
-    ``null_space``: how many distinct positions the prior needs data at. Python and NumPy values
-    that are wrong raise ValueError; what is wrong with values inside JAX arrays comes back as
+    ``null_space``: how many distinct positions the prior needs data at. Known values that are
+    wrong raise ValueError; what is wrong with traced ones comes back as
     faults, for the caller to raise together with its own (``raise_faults``).
     """
     num_frames = _frame_count(index, num_frames, data_shape[0])
@@ -119,13 +119,13 @@ def observe(
     _require_distinct(t, w, data_shape[0], need)
 
     frame = back = None
-    if isinstance(t, jax.Array) or (t is not None and not np.array_equal(t, np.arange(num_frames))):
+    if t is not None and (traced(t) or not np.array_equal(t, np.arange(num_frames))):
         frame, back = _split(t, num_frames, dtype)
     if w is not None:
         w_found = jnp.asarray(w, dtype)
         w_found = jnp.where(w_found > 0, w_found, 0)  # no derivative where nothing was seen
     found = Observations(frame, back, None if w is None else w_found, num_frames)
-    if isinstance(t, jax.Array) or isinstance(w, jax.Array):
+    if traced(t, w):
         faults.append((_not_distinct(found, dtype, need), _too_few(need)))
     return found, faults
 
@@ -141,8 +141,8 @@ def _frame_count(index: ArrayLike | None, num_frames: int | None, data: int) -> 
             )
         return data
     if num_frames is None:
-        if isinstance(index, jax.Array):
-            raise ValueError("num_frames is needed when index is a JAX array")
+        if traced(index):
+            raise ValueError("num_frames is needed when index is traced")
         largest = np.max(np.asarray(index), initial=0)
         num_frames = int(np.ceil(largest)) + 1 if np.isfinite(largest) else 1
     if num_frames < 1:
@@ -153,26 +153,26 @@ def _frame_count(index: ArrayLike | None, num_frames: int | None, data: int) -> 
 def _checked_index(
     index: ArrayLike, num_frames: int, data: int, faults: list[Fault]
 ) -> Array | np.ndarray:
-    t = index if isinstance(index, jax.Array) else np.asarray(index)
+    t = known(index)
     if t.shape != (data,):
         raise ValueError(f"index has shape {t.shape}: want ({data},), one target per frame of y")
     if not (jnp.issubdtype(t.dtype, jnp.integer) or jnp.issubdtype(t.dtype, jnp.floating)):
         raise ValueError(f"index has dtype {t.dtype}: want whole or fractional frame numbers")
     message = f"index must lie between 0 and num_frames - 1 = {num_frames - 1}"
-    if isinstance(t, np.ndarray):
-        outside = ~((t >= 0) & (t <= num_frames - 1))
+    outside = ~((t >= 0) & (t <= num_frames - 1))
+    if not traced(t):
         if outside.any():
             raise ValueError(f"{message}, got {t[outside][0]}")
         whole = np.round(t)
         return whole.astype(np.int32) if np.array_equal(whole, t) else t
-    faults.append((~jnp.all((t >= 0) & (t <= num_frames - 1)), message))
+    faults.append((jnp.any(outside), message))
     return t
 
 
 def _checked_weights(
     weights: ArrayLike, data_shape: tuple[int, ...], faults: list[Fault]
 ) -> Array | np.ndarray:
-    w = weights if isinstance(weights, jax.Array) else np.asarray(weights)
+    w = known(weights)
     shape = w.shape
     if len(shape) == 1:
         w = w.reshape(*shape, *[1] * (len(data_shape) - 1))
@@ -184,10 +184,11 @@ def _checked_weights(
             f"weights have shape {shape}: want ({data_shape[0]},) or an array that broadcasts "
             f"over the channels of y, {data_shape}"
         )
-    if isinstance(w, np.ndarray) and not (np.all(w >= 0) and np.all(np.isfinite(w))):
-        raise ValueError("weights must be finite and >= 0")
-    if isinstance(w, jax.Array):
-        faults.append((~jnp.all((w >= 0) & jnp.isfinite(w)), "weights must be finite and >= 0"))
+    message = "weights must be finite and >= 0"
+    if traced(w):
+        faults.append((~jnp.all((w >= 0) & jnp.isfinite(w)), message))
+    elif not (np.all(w >= 0) and np.all(np.isfinite(w))):
+        raise ValueError(message)
     return w
 
 
@@ -203,7 +204,7 @@ def _split(t: Array | np.ndarray, num_frames: int, dtype: jnp.dtype) -> tuple[Ar
 def _require_distinct(
     t: Array | np.ndarray | None, w: Array | np.ndarray | None, data: int, need: int
 ) -> None:
-    if isinstance(t, jax.Array) or isinstance(w, jax.Array):
+    if traced(t, w):
         return
     t = np.arange(data) if t is None else t
     seen = np.ones((data, 1), bool) if w is None else w.reshape(data, -1) > 0

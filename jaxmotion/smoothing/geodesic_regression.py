@@ -39,7 +39,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import Fault, raise_faults
+from jaxmotion._checks import Fault, one_of, raise_faults
 from jaxmotion._numerics import safe_norm
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
@@ -258,8 +258,7 @@ def geodesic(
     q = jnp.asarray(q)
     if q.ndim < 2 or q.shape[-1] != 4:
         raise ValueError(f"geodesic: q must have shape (Nd, J, 4) or (Nd, 4), got {q.shape}")
-    if loss not in ("l2", *BEND):
-        raise ValueError(f"geodesic: loss={loss!r}; expected 'l2', 'huber' or 'cauchy'")
+    one_of("geodesic: loss", loss, ("l2", *BEND))
     joints = q.shape[1:-1]
     seen, faults = observe(index, num_frames, weights, q.shape[:-1], q.dtype, null_space=order)
     present = jnp.ones((), bool) if seen.weights is None else seen.weights > 0

@@ -26,7 +26,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxmotion._checks import raise_faults
+from jaxmotion._checks import require
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg import (
@@ -55,24 +55,19 @@ def suggest_keys(
     candidates: bool (Nf,), the frames that may be chosen; None for all, observed ones too.
 
     Raises ValueError when ``n`` is not from 1 to the number of frames, or ``candidates`` is not
-    (Nf,) bool with n true; a JAX array with fewer raises when computed.
+    (Nf,) bool with n true; a traced one with fewer raises when computed.
     """
     frames = posterior.mean.shape[0]
     if not 1 <= n <= frames:
         raise ValueError(f"n={n}: want from 1 to {frames}, the number of frames")
-    allowed = np.ones(frames, bool) if candidates is None else candidates
-    if not isinstance(allowed, jax.Array):
-        allowed = np.asarray(allowed)
+    allowed = jnp.asarray(np.ones(frames, bool) if candidates is None else candidates)
     if allowed.shape != (frames,) or allowed.dtype != bool:
         raise ValueError(
             f"candidates are {allowed.dtype} {allowed.shape}: want bool ({frames},), one a frame"
         )
     message = f"candidates hold fewer than n={n} frames"
-    if isinstance(allowed, np.ndarray):
-        if allowed.sum() < n:
-            raise ValueError(message)
-        return _suggest(posterior, n, jnp.asarray(allowed))
-    return raise_faults(_suggest(posterior, n, allowed), [(jnp.sum(allowed) < n, message)])
+    suggestions = _suggest(posterior, n, allowed)
+    return require(suggestions, jnp.sum(allowed) < n, message)
 
 
 @eqx.filter_jit

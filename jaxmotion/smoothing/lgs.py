@@ -46,7 +46,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jaxmotion._checks import Fault, raise_faults
+from jaxmotion._checks import Fault, known, one_of, raise_faults, require, traced
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg import (
@@ -150,8 +150,8 @@ def lgs(
     lam, sigma: prior precision and noise std, > 0; scalars or arrays broadcasting to ``channels``.
     index: target frame of every datum, ``(Nd,)``, whole or fractional, in any order, repeats and
         gaps allowed; None for one datum per frame.
-    num_frames: Nf; may be left out without an index or when the index is Python or NumPy (then up
-        to its largest entry).
+    num_frames: Nf; may be left out without an index or when the index is not traced (then up to its
+        largest entry).
     order: 2 smooths velocities (Eq. 6), 1 positions (Eq. 7).
     scale: "half" or "unit" rows of L (order 2 only).
     weights: ``(Nd,)`` or ``(Nd, *k)``, >= 0, dividing the noise variance; 0 is missing, whatever y
@@ -165,17 +165,15 @@ def lgs(
         are sequential either way.
 
     Differentiable in y, lam, sigma, weights, stiffness and a fractional index, in both modes.
-    Raises ValueError on wrong shapes and on values known to Python to be wrong; values inside JAX
-    arrays raise when computed (:func:`jaxmotion.checks`): lam, sigma not positive, index outside
+    Raises ValueError on wrong shapes and on values known to be wrong; traced ones raise when
+    computed (:func:`jaxmotion.checks`): lam, sigma not positive, index outside
     the frames, data at fewer than two distinct frames (one for order 1), NaN in y at positive
     weight.
     """
     y = _checked_data(y)
     channels = y.shape[1:]
-    if order not in (1, 2):
-        raise ValueError(f"order={order!r}: want 1 or 2")
-    if scale not in ("half", "unit"):
-        raise ValueError(f"scale={scale!r}: want 'half' or 'unit'")
+    one_of("order", order, (1, 2))
+    one_of("scale", scale, ("half", "unit"))
     shared = np.ndim(lam) == 0 and np.ndim(sigma) == 0
     shared = shared and all(x is None or np.ndim(x) == 1 for x in (weights, stiffness))
     lam = _checked_parameter("lam", lam, channels, y.dtype)
@@ -323,10 +321,10 @@ def _checked_parameter(
     name: str, value: ArrayLike, channels: tuple[int, ...], dtype: jnp.dtype
 ) -> Array:
     """``value`` as an array with one axis for each channel axis."""
-    if not isinstance(value, jax.Array):
-        value = np.asarray(value)
-        if not np.all((value > 0) & np.isfinite(value)):
-            raise ValueError(f"{name} must be positive and finite, got {value}")
+    if not traced(value):  # else one check for all, in _lgs
+        number = known(value)
+        wrong = not np.all((number > 0) & np.isfinite(number))
+        require(value, wrong, f"{name} must be positive and finite", got=value)
     value = jnp.asarray(value, dtype)
     padded = (1,) * (len(channels) - value.ndim) + value.shape
     if len(padded) != len(channels) or any(

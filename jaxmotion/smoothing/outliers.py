@@ -31,6 +31,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
+from jaxmotion._checks import one_of
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.lgs import lgs
@@ -66,8 +67,7 @@ def outlier_weights(
     joint, the lesser of its rotation's and its translation's.
     **Raises:** ``ValueError`` for an unknown loss or shape; as ``lgs`` for bad data.
     """
-    if loss not in BEND:
-        raise ValueError(f"outlier_weights: loss={loss!r}; expected 'huber' or 'cauchy'")
+    one_of("outlier_weights: loss", loss, BEND)
     if isinstance(y, Motion):
         rotations, translations = jnp.asarray(y.rotations), jnp.asarray(y.translations)
         given = _given(weights, translations)

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmotion import quaternion
+from jaxmotion._checks import one_of
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
 from jaxmotion.motion import Motion
@@ -184,10 +185,8 @@ def _check_options(
     stiffness: ArrayLike | None,
     window: int | None,
 ) -> None:
-    if method not in ("chordal", "rotvec", "geodesic"):
-        raise ValueError(f"method={method!r}; expected 'chordal', 'rotvec' or 'geodesic'")
-    if signs not in ("nearest", "input", "min_energy"):
-        raise ValueError(f"signs={signs!r}; expected 'nearest', 'input' or 'min_energy'")
+    one_of("method", method, ("chordal", "rotvec", "geodesic"))
+    one_of("signs", signs, ("nearest", "input", "min_energy"))
     if signs == "min_energy" and weights is not None:
         raise ValueError("signs='min_energy' with weights; give an index")
     if stiffness is not None and (method == "geodesic" or window is not None):

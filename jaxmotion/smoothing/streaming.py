@@ -35,7 +35,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import raise_faults
+from jaxmotion._checks import one_of, raise_faults, require
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg.difference_chain import (
@@ -94,8 +94,7 @@ class StreamingSmoother(eqx.Module):
     ):
         if lag < 0:
             raise ValueError(f"lag={lag}: want 0 frames or more")
-        if scale not in ("half", "unit"):
-            raise ValueError(f"scale={scale!r}: want 'half' or 'unit'")
+        one_of("scale", scale, ("half", "unit"))
         self.lam, self.sigma = _checked("lam", lam), _checked("sigma", sigma)
         self.lag, self.scale, self.rotations = lag, scale, rotations
 
@@ -272,10 +271,6 @@ def _filtered(state: StreamState) -> tuple[Array, Array]:
 
 
 def _checked(name: str, value: ArrayLike) -> Array:
-    if not isinstance(value, jax.Array):
-        value = np.asarray(value)
-        if not np.all((value > 0) & np.isfinite(value)):
-            raise ValueError(f"{name} must be positive and finite, got {value}")
-        value = jnp.asarray(value, jnp.result_type(float))
-    bad = ~jnp.all((value > 0) & jnp.isfinite(value))
-    return raise_faults(value, [(bad, f"{name} must be positive and finite")])
+    array = value if isinstance(value, jax.Array) else jnp.asarray(value, jnp.result_type(float))
+    wrong = ~jnp.all((array > 0) & jnp.isfinite(array))
+    return require(array, wrong, f"{name} must be positive and finite", got=value)

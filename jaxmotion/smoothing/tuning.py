@@ -30,6 +30,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import one_of
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
@@ -128,10 +129,8 @@ def tune_signal(
     scale: Literal["half", "unit"] = "half",
 ) -> Tuning:
     """:func:`tune` for a signal f[Nd, *channels], with its options."""
-    if criterion not in ("evidence", "gcv", "holdout"):
-        raise ValueError(f"tune: criterion={criterion!r}; expected 'evidence', 'gcv' or 'holdout'")
-    if per not in ("clip", "joint", "channel"):
-        raise ValueError(f"tune: per={per!r}; expected 'clip', 'joint' or 'channel'")
+    one_of("tune: criterion", criterion, ("evidence", "gcv", "holdout"))
+    one_of("tune: per", per, ("clip", "joint", "channel"))
     channels = y.shape[1:]
     kept = {"clip": (), "joint": channels[:1], "channel": channels}[per]
     grouped = y.reshape(y.shape[0], int(np.prod(kept)), -1)

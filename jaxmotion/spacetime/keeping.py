@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
-from jax.core import Tracer
 
 from jaxmotion import spacetime
+from jaxmotion._checks import counted, traced
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, detect, fit_distances
 from jaxmotion.contacts.nearby import contacts_near, motion_near, moved_as, origin_of
@@ -59,7 +58,7 @@ def keep_contacts(
             return edit
         contacts = detect(original, length=length)
     answer, report = restore(edit, contacts, length=length)
-    if not isinstance(report.converged, Tracer) and not report.converged:
+    if not traced(report.converged) and not report.converged:
         warnings.warn(
             f"contacts are not at rest after {int(report.num_steps)} steps: points are up to "
             f"{float(jnp.max(report.position_error)):.3g} (the file's unit) from their places",
@@ -85,8 +84,9 @@ def restore(
     if weights is None:
         weights = spacetime.Weights(size=_SIZE, bend=_SIZE * _FADE**4, root=_ROOT)
     if length is not None:
-        counted = jnp.asarray(length > np.arange(contacts.num_frames))  # pyright: ignore
-        contacts = eqx.tree_at(lambda c: c.mask, contacts, contacts.mask & counted[:, None])
+        count, motion = counted("keep_contacts: length", length, contacts.num_frames, motion)
+        counts = jnp.arange(contacts.num_frames, dtype=count.dtype) < count
+        contacts = eqx.tree_at(lambda c: c.mask, contacts, contacts.mask & counts[:, None])
     # Near the origin once for both steps, or far away the targets' rounding would come between.
     origin = origin_of(motion)
     start, aimed = motion_near(motion, origin), contacts_near(contacts, origin)

@@ -39,7 +39,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmotion._checks import poisoned, raise_faults
+from jaxmotion._checks import one_of, poisoned, raise_faults
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
 from jaxmotion._portable import Portable
@@ -125,8 +125,7 @@ def satisfy(
     **Raises:** ``ValueError`` for shapes and options that do not fit; at run time for targets in
     contact, or a motion, that are not finite.
     """
-    if method not in _STEPS:
-        raise ValueError(f"satisfy: method={method!r}; expected one of {', '.join(_STEPS)}")
+    one_of("satisfy: method", method, _STEPS)
     if motion.rotations.ndim != 3:
         raise ValueError(
             f"satisfy: rotations have shape {motion.rotations.shape}; expected (T, J, 4); "

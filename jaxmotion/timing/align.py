@@ -22,11 +22,10 @@ from typing import Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import require
+from jaxmotion._checks import one_of, require, traced
 from jaxmotion._numerics import safe_sqrt
 from jaxmotion._portable import Portable
 from jaxmotion._types import ScalarLike
@@ -73,18 +72,19 @@ def align(
     **Raises:** ``ValueError`` for another method, no common joints, or a step pattern and window
     that leave no path.
     """
-    if method not in ("dtw", "warping"):
-        raise ValueError(f"align: method={method!r}; expected 'dtw' or 'warping'")
-    if not isinstance(settle, Tracer) and not 0 <= float(settle) < np.inf:
-        raise ValueError(f"align: settle={settle}; expected 0 or more frames")
+    one_of("align: method", method, ("dtw", "warping"))
+    smoothed = jnp.asarray(settle, source.dtype)
+    negative = ~((smoothed >= 0) & (smoothed < np.inf))
+    message = "align: settle must be 0 or more frames"
+    smoothed = require(smoothed, negative, message, got=settle)
     x, y = _compared(source, reference)
-    n, m = (jnp.asarray(clip.shape[0], jnp.int32) for clip in (x, y))
+    n, m = x.shape[0], y.shape[0]
     if method == "warping":
         warp = motion_warping(*_channels(x, y))
         path = jnp.stack([warp.source_index, warp.reference_index], axis=1)
         length = jnp.asarray(path.shape[0], jnp.int32)
     else:
-        if not any(isinstance(clip, Tracer) for clip in (x, y)):
+        if not traced(x, y):
             x, y = (pad_to_bucket(np.asarray(clip))[0] for clip in (x, y))  # type: ignore[arg-type]
         warp = dtw(
             x,
@@ -97,8 +97,9 @@ def align(
         )
         path, length = warp.path, warp.length
     message = "align: the step pattern and window leave no path between clips of these lengths"
-    settle, length = require((jnp.asarray(settle, source.dtype), length), length == 0, message)
-    at, distance = _source_times(jnp.asarray(x), jnp.asarray(y), path, length, n, m, settle)
+    smoothed, length = require((smoothed, length), length == 0, message)
+    n, m = jnp.asarray(n, jnp.int32), jnp.asarray(m, jnp.int32)
+    at, distance = _source_times(jnp.asarray(x), jnp.asarray(y), path, length, n, m, smoothed)
     at = at[: reference.num_frames]
     reading = even_reading(at, source.num_frames, source.dtype)
     copy = read_motion(source, reading, reference.frame_time)

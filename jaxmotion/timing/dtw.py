@@ -27,10 +27,11 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from jaxmotion._checks import one_of
 from jaxmotion._portable import Portable
-from jaxmotion._types import ArrayLike
+from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.timing.accumulate import accumulator, choice_radix
-from jaxmotion.timing.frame_distance import Metric, local_cost
+from jaxmotion.timing.frame_distance import Metric, counted_pair, last_frames, local_cost
 from jaxmotion.timing.step_patterns import StepPattern, step_pattern_named
 
 
@@ -62,8 +63,8 @@ def dtw(
     open_end: bool | str = False,
     min_matched: int = 1,
     normalize: str | None = None,
-    x_length: ArrayLike | None = None,
-    y_length: ArrayLike | None = None,
+    x_length: ScalarLike | None = None,
+    y_length: ScalarLike | None = None,
 ) -> WarpPath:
     """Warp x onto y. One pair of clips; ``jax.vmap`` makes many, laid out for speed.
 
@@ -89,15 +90,12 @@ def dtw(
         :class:`WarpPath` with room for n + m − 1 cells.
 
     Raises:
-        ValueError: bad shapes, unknown names, or clips the pattern cannot join.
+        ValueError: bad shapes or lengths, unknown names, or clips the pattern cannot join; at run
+            time for traced lengths that are not those of frames there are.
     """
     pattern = step_pattern_named(step_pattern)
-    x, y, cost, x_length, y_length = (
-        None if given is None else jnp.asarray(given) for given in (x, y, cost, x_length, y_length)
-    )
-    return _dtw(
-        x, y, cost, x_length, y_length, metric, pattern, window, open_end, min_matched, normalize
-    )
+    (x, y, cost), n, m = counted_pair("dtw", x, y, cost, x_length, y_length)
+    return _dtw(x, y, cost, n, m, metric, pattern, window, open_end, min_matched, normalize)
 
 
 @eqx.filter_jit
@@ -121,8 +119,7 @@ def _dtw(
     ragged = x_length is not None or y_length is not None
     if not (ragged or open_end or pattern.reaches(n, m)):
         raise ValueError(f"step_pattern={pattern.name!r} has no path over a cost of shape {(n, m)}")
-    last_x = jnp.asarray(n if x_length is None else x_length, jnp.int32) - 1
-    last_y = jnp.asarray(m if y_length is None else y_length, jnp.int32) - 1
+    last_x, last_y = last_frames(d, x_length, y_length)
 
     fixed = lax.stop_gradient(d)
     if window is not None:
@@ -141,10 +138,8 @@ def _dtw(
 
 
 def _check_options(open_end, min_matched, normalize, window, m):
-    if open_end not in (False, True, "either"):
-        raise ValueError(f"open_end={open_end!r}; want False, True or 'either'")
-    if normalize not in (None, "sum", "mean", "frames"):
-        raise ValueError(f"normalize={normalize!r}; want 'sum', 'mean', 'frames' or None")
+    one_of("open_end", open_end, (False, True, "either"))
+    one_of("normalize", normalize, (None, "sum", "mean", "frames"))
     if window is not None and window < 0:
         raise ValueError(f"window={window}; want a radius in frames, 0 or more")
     if not 1 <= min_matched <= m:

@@ -18,12 +18,14 @@ from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import counted, one_of
 from jaxmotion._numerics import safe_sqrt
-from jaxmotion._types import ArrayLike
+from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.timing.pose_distance import pose_distance
 
 Metric: TypeAlias = str | Callable[[Array, Array], Array]
@@ -51,12 +53,9 @@ def frame_distance(
     x, y = jnp.asarray(x), jnp.asarray(y)
     if callable(metric):
         return metric(x, y)
+    one_of("metric (or a function of x and y)", metric, ("euclidean", "sqeuclidean", "pose"))
     if metric == "pose":
         return pose_distance(x, y)
-    if metric not in ("euclidean", "sqeuclidean"):
-        raise ValueError(
-            f"metric={metric!r}; want 'euclidean', 'sqeuclidean', 'pose' or a function of (x, y)"
-        )
     if x.ndim != 2 or y.ndim != 2 or x.shape[1] != y.shape[1]:
         raise ValueError(
             f"x has shape {x.shape} and y {y.shape}; want (n, f) and (m, f) with the same f"
@@ -72,17 +71,47 @@ def local_cost(
     x: ArrayLike | None, y: ArrayLike | None, cost: ArrayLike | None, metric: Metric
 ) -> Array:
     """The cost matrix ``(n, m)``, given or of two clips; ``ValueError`` for neither or both."""
-    if cost is not None and x is None and y is None:
-        d = jnp.asarray(cost)
-    elif cost is None and x is not None and y is not None:
-        d = frame_distance(x, y, metric)
-    else:
-        raise ValueError("want either x and y, or cost=")
-    if d.ndim != 2 or 0 in d.shape:
-        raise ValueError(f"cost has shape {d.shape}; want (n, m), n and m at least 1")
+    _frames_of(x, y, cost)
+    d = jnp.asarray(cost) if x is None or y is None else frame_distance(x, y, metric)
     if not jnp.issubdtype(d.dtype, jnp.floating):
         raise ValueError(f"cost has dtype {d.dtype}; want float32 or float64")
     return d
+
+
+def counted_pair(
+    caller: str,
+    x: ArrayLike | None,
+    y: ArrayLike | None,
+    cost: ArrayLike | None,
+    x_length: ScalarLike | None,
+    y_length: ScalarLike | None,
+) -> tuple[tuple[Array | None, ...], Array | None, Array | None]:
+    """x, y and cost as arrays, and the lengths checked, None for all frames."""
+    n, m = _frames_of(x, y, cost)
+    clips = tuple(None if given is None else jnp.asarray(given) for given in (x, y, cost))
+    if x_length is not None:
+        x_length, clips = counted(f"{caller}: x_length", x_length, n, clips)
+    if y_length is not None:
+        y_length, clips = counted(f"{caller}: y_length", y_length, m, clips)
+    return clips, x_length, y_length
+
+
+def last_frames(d: Array, x_length: Array | None, y_length: Array | None) -> list[Array]:
+    """Numbers of the last frames that count of the clips behind a cost matrix."""
+    lengths = zip(d.shape, (x_length, y_length), strict=True)
+    return [jnp.asarray(n if length is None else length, jnp.int32) - 1 for n, length in lengths]
+
+
+def _frames_of(x: ArrayLike | None, y: ArrayLike | None, cost: ArrayLike | None) -> tuple[int, int]:
+    if cost is not None and x is None and y is None:
+        shape = np.shape(cost)
+    elif cost is None and x is not None and y is not None:
+        shape = np.shape(x)[:1] + np.shape(y)[:1]
+    else:
+        raise ValueError("want either x and y, or cost=")
+    if len(shape) != 2 or 0 in shape:
+        raise ValueError(f"cost has shape {shape}; want (n, m), n and m at least 1")
+    return shape
 
 
 @jax.custom_jvp

@@ -34,11 +34,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import raise_faults
+from jaxmotion._checks import one_of, require, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.motion import Motion
@@ -166,14 +165,13 @@ def read_motion(
             f"smoothing has shape {np.shape(smoothing)}; expected a scalar or "
             f"({motion.num_joints},), one a joint"
         )
-    if not isinstance(smoothing, Tracer) and not np.all(np.asarray(smoothing) >= 0):
-        raise ValueError(f"smoothing={smoothing}; expected λσ of 0 or more")
-    smoothing = jnp.asarray(smoothing, motion.dtype)
+    given, smoothing = smoothing, jnp.asarray(smoothing, motion.dtype)
+    negative = ~jnp.all(smoothing >= 0)
+    motion = require(motion, negative, "resample: smoothing must be λσ of 0 or more", got=given)
     frames, wanted = motion.num_frames, reading.fraction.shape[0]
     moved = np.asarray(motion.translated_joints, np.int32)
     translations, rotations = motion.translations, motion.rotations
-    traced = (translations, rotations, *reading, smoothing)
-    if frames > 1 and not any(isinstance(leaf, Tracer) for leaf in traced):
+    if frames > 1 and not traced(translations, rotations, reading, smoothing):
         translations, rotations = (
             pad_to_bucket(np.asarray(clip))[0]  # type: ignore[arg-type]
             for clip in (translations, rotations)
@@ -267,21 +265,16 @@ def _slerp(
 
 def _reading_of_keys(index: ArrayLike, keys: int, num_frames: int | None, dtype) -> Reading:
     """Where to read poses that stand at the frames ``index``."""
-    traced = isinstance(index, jax.Array)
-    if num_frames is None and traced:
-        raise ValueError("resample: num_frames is needed when index is a JAX array")
-    xp = jnp if traced else np
-    knots = index if traced else np.asarray(index, np.float64)
+    if num_frames is None and traced(index):
+        raise ValueError("resample: num_frames is needed when index is traced")
+    xp = jnp if traced(index) else np
+    knots = jnp.asarray(index, dtype) if traced(index) else np.asarray(index, np.float64)
     if knots.shape != (keys,):
         raise ValueError(
             f"resample: index has shape {knots.shape}; expected ({keys},), one a frame"
         )
-    if traced:
-        knots = knots.astype(dtype)
-        bad = jnp.any(jnp.diff(knots) <= 0) | ~jnp.all(jnp.isfinite(knots))
-        knots = raise_faults(knots, [(bad, "resample: index must increase strictly")])
-    elif not (np.all(np.diff(knots) > 0) and np.all(np.isfinite(knots))):
-        raise ValueError("resample: index must increase strictly")
+    bad = ~(xp.all(xp.diff(knots) > 0) & xp.all(xp.isfinite(knots)))
+    knots = require(knots, bad, "resample: index must increase strictly")
     count = frames_within(float(knots[-1])) if num_frames is None else num_frames
     at = xp.arange(count, dtype=knots.dtype)
     interval = xp.clip(xp.searchsorted(knots, at, side="right") - 1, 0, max(keys - 2, 0))
@@ -300,18 +293,16 @@ def _padded(reading: Reading, intervals: int, readings: int) -> Reading:
 
 
 def _check_choice(method: str, signs: str, fps, num_frames: int | None) -> None:
-    if method not in ("lgs", "slerp", "cubic"):
-        raise ValueError(f"resample: method={method!r}; expected 'lgs', 'slerp' or 'cubic'")
-    if signs not in ("nearest", "input", "min_energy"):
-        raise ValueError(f"resample: signs={signs!r}; expected 'nearest', 'input' or 'min_energy'")
+    one_of("resample: method", method, ("lgs", "slerp", "cubic"))
+    one_of("resample: signs", signs, ("nearest", "input", "min_energy"))
     if num_frames is not None and num_frames < 1:
         raise ValueError(f"resample: num_frames={num_frames}; expected at least 1")
-    if fps is not None and not isinstance(fps, Tracer) and not 0 < float(fps) < np.inf:
+    if fps is not None and not traced(fps) and not 0 < float(fps) < np.inf:
         raise ValueError(f"resample: fps={fps}; expected a rate above 0")
 
 
 def _concrete(name: str, value: ScalarLike) -> float:
-    if isinstance(value, Tracer):
+    if traced(value):
         raise ValueError(
             f"resample: {name} is traced and does not tell the number of frames; give num_frames"
         )

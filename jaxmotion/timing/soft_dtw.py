@@ -40,15 +40,14 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
-from jax.core import Tracer
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
-from jaxmotion._types import ArrayLike
+from jaxmotion._checks import require
+from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.timing.antidiagonals import entering, in_strips, skew, unskew
-from jaxmotion.timing.frame_distance import Metric, local_cost
+from jaxmotion.timing.frame_distance import Metric, counted_pair, last_frames, local_cost
 
 # With 1000 x 1000 cells in float64, costs, shares and one strip at work then stay below 32 MB. What
 # is larger, glibc hands back after each call, and the next one pays for every page again.
@@ -58,12 +57,12 @@ _MOST_ROWS = 125
 def soft_dtw(
     x: ArrayLike | None = None,
     y: ArrayLike | None = None,
-    gamma: ArrayLike = 1.0,
+    gamma: ScalarLike = 1.0,
     *,
     cost: ArrayLike | None = None,
     metric: Metric = "sqeuclidean",
-    x_length: ArrayLike | None = None,
-    y_length: ArrayLike | None = None,
+    x_length: ScalarLike | None = None,
+    y_length: ScalarLike | None = None,
 ) -> Float[Array, ""]:
     """Soft minimum over all warps of x onto y of the summed frame distances; a training loss.
 
@@ -82,7 +81,8 @@ def soft_dtw(
         x, y, cost and gamma in both modes, to any order.
 
     Raises:
-        ValueError: bad shapes, or a gamma that is not positive (when it is not traced).
+        ValueError: bad shapes or lengths, or a gamma that is not positive; at run time for traced
+            ones.
     """
     return _compiled(_soft_value, x, y, gamma, cost, metric, x_length, y_length)
 
@@ -90,12 +90,12 @@ def soft_dtw(
 def soft_alignment(
     x: ArrayLike | None = None,
     y: ArrayLike | None = None,
-    gamma: ArrayLike = 1.0,
+    gamma: ScalarLike = 1.0,
     *,
     cost: ArrayLike | None = None,
     metric: Metric = "sqeuclidean",
-    x_length: ArrayLike | None = None,
-    y_length: ArrayLike | None = None,
+    x_length: ScalarLike | None = None,
+    y_length: ScalarLike | None = None,
 ) -> Float[Array, "frames_x frames_y"]:
     """How likely each pair of frames is matched: the gradient of :func:`soft_dtw` in the cost.
 
@@ -109,22 +109,17 @@ def soft_alignment(
 
 
 def _compiled(function, x, y, gamma, cost, metric, x_length, y_length):
-    if not isinstance(gamma, Tracer) and not np.all(np.asarray(gamma) > 0):
-        raise ValueError(f"gamma={gamma}; want a temperature above 0")
-    arrays = (
-        None if given is None else jnp.asarray(given)
-        for given in (x, y, cost, x_length, y_length, gamma)
-    )
-    return _run(function, metric, *arrays)
+    clips, n, m = counted_pair("soft_dtw", x, y, cost, x_length, y_length)
+    given = jnp.asarray(gamma)
+    message = "soft_dtw: gamma must be a temperature above 0"
+    clips = require(clips, ~(given > 0), message, got=gamma)
+    return _run(function, metric, *clips, n, m, given)
 
 
 @eqx.filter_jit
 def _run(function, metric, x, y, cost, x_length, y_length, gamma):
     d = local_cost(x, y, cost, metric)
-    n, m = d.shape
-    last_x = jnp.asarray(n if x_length is None else x_length, jnp.int32) - 1
-    last_y = jnp.asarray(m if y_length is None else y_length, jnp.int32) - 1
-    return function(d, gamma.astype(d.dtype), last_x, last_y)
+    return function(d, gamma.astype(d.dtype), *last_frames(d, x_length, y_length))
 
 
 @jax.custom_jvp

@@ -22,6 +22,8 @@ Equal costs are settled by the order of the states in a pool: the diagonal first
 
 from typing import NamedTuple
 
+from jaxmotion._checks import one_of
+
 
 class Move(NamedTuple):
     """The step that enters a state, and the pool it comes from."""
@@ -100,6 +102,5 @@ _PATTERNS = {
 
 def step_pattern_named(name: str) -> StepPattern:
     """Look a pattern up by name; ``ValueError`` lists the names there are."""
-    if name not in _PATTERNS:
-        raise ValueError(f"step_pattern={name!r}; want one of {', '.join(_PATTERNS)}")
+    one_of("step_pattern", name, _PATTERNS)
     return _PATTERNS[name]
