@@ -17,7 +17,7 @@ import jaxmotion
 PACKAGE = Path(jaxmotion.__file__).parent
 FLOORS = (
     ("_types", "_numerics", "_checks", "_portable", "_lazy", "_plain", "_file_facts"),
-    ("quaternion", "linalg"),
+    ("quaternion", "linalg", "frames"),
     ("skeleton", "motion", "kinematics", "displacement", "confine", "axes", "io", "samples"),
     ("smoothing", "timing"),
     ("layers", "multiresolution", "style", "cleaning", "contacts", "spacetime"),
@@ -27,6 +27,7 @@ FLOORS = (
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 # Skeleton and Motion are what the rest of their floor speaks; the others are services to an edit.
 SIDEWAYS = {
+    "_checks": {"_types"},
     "motion": {"skeleton"},
     "kinematics": {"skeleton", "motion"},
     "displacement": {"skeleton", "motion"},

@@ -139,17 +139,11 @@ def write(
 
 
 def pad(motion: "Motion") -> "tuple[Motion, int]":
-    """The clip at the next of a few lengths, in NumPy arrays, and how many frames count."""
-    import numpy as np
+    """The clip at the next of a few lengths, and how many frames count."""
+    from jaxmotion.frames.padding import in_buckets
 
-    from jaxmotion.timing.buckets import pad_to_bucket
-
-    length = motion.num_frames
-    translations, rotations = np.asarray(motion.translations), np.asarray(motion.rotations)
-    if length > 1:  # one datum does not determine the padding after it
-        translations, _ = pad_to_bucket(translations)  # type: ignore[arg-type]
-        rotations, _ = pad_to_bucket(rotations)  # type: ignore[arg-type]
-    return motion.with_transforms(translations, rotations), length
+    padded = motion.with_transforms(*in_buckets(motion.translations, motion.rotations))
+    return padded, motion.num_frames
 
 
 def unpadded(motion: "Motion", length: int) -> "Motion":

@@ -30,7 +30,8 @@ from jaxmotion.contacts import height_speed, rigid
 from jaxmotion.contacts.contact import FREE, PLANE, POINT, ContactPoints, Contacts
 from jaxmotion.contacts.feet import find_feet
 from jaxmotion.contacts.nearby import floor_near, motion_near, origin_of
-from jaxmotion.contacts.runs import hysteresis, mean_over_runs, without_gaps, without_short
+from jaxmotion.frames.count import frame_mask
+from jaxmotion.frames.runs import hysteresis, mean_over_runs, without_gaps, without_short
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
 
@@ -103,10 +104,9 @@ def _detect(
     floor: Array | str | None,
     window: int,
     tolerance: Float[Array, ""],
-    length: Int[Array, ""],
+    count: Int[Array, ""],
 ) -> Contacts:
-    frames = np.arange(motion.num_frames, dtype=np.int32)
-    valid = jnp.asarray(frames) < length
+    counts = frame_mask(count, motion.num_frames)
     origin = origin_of(motion)
     motion, floor = motion_near(motion, origin), floor_near(motion, origin, floor)
     pose = forward_kinematics(motion)
@@ -115,11 +115,11 @@ def _detect(
     offset = quaternion.rotate(turns, jnp.asarray(points.point, motion.dtype))
     positions = pose.positions[:, index] + offset
     size = limb_lengths(motion, points)
-    smoothed = height_speed.smooth(positions, valid, motion.frame_time)
-    heights = _heights(smoothed, motion.skeleton.up, floor, size, valid, window)
+    smoothed = height_speed.smooth(positions, counts, motion.frame_time)
+    heights = _heights(smoothed, motion.skeleton.up, floor, size, counts, window)
     short = jnp.round(_SHORT / motion.frame_time).astype(jnp.int32)
     if method == "segments":
-        found = rigid.rest(positions, quaternion.to_matrix(turns), size, valid, window, tolerance)
+        found = rigid.rest(positions, quaternion.to_matrix(turns), size, counts, window, tolerance)
         mask, confidence, kinds = found.ratio < 1, _soft(found.ratio), found.kind
         if heights is not None:
             near = heights / (_NEAR * jnp.where(size > 0, size, 1) * tolerance)
@@ -127,30 +127,30 @@ def _detect(
         short = jnp.minimum(short, window)
     else:
         low = height_speed.low_and_slow(
-            heights, smoothed, size, valid, motion.frame_time, tolerance
+            heights, smoothed, size, counts, motion.frame_time, tolerance
         )
         weak = (low.speed < 1) & (low.height < 1)
         strong = (low.speed < 0.5) & (low.height < 0.5)
-        mask = hysteresis(strong & valid[:, None], weak & valid[:, None])
+        mask = hysteresis(strong & counts[:, None], weak & counts[:, None])
         confidence = _soft(low.speed) * _soft(low.height)
         kinds = jnp.full(mask.shape, POINT, jnp.int8)
-    mask = _tidied(mask & valid[:, None], short, valid)
+    mask = _tidied(mask & counts[:, None], short, counts)
     target = mean_over_runs(mask, positions, confidence) + origin
     kinds = jnp.where(mask, jnp.clip(kinds, POINT, PLANE), FREE).astype(jnp.int8)
     return Contacts(points, mask, target, kind=kinds, confidence=confidence)
 
 
-def _tidied(mask: Bool[Array, "time point"], short: Array, valid: Array) -> Array:
-    closed = without_gaps(mask, short, valid)
-    return without_short(closed, jnp.maximum(short, 2), valid)
+def _tidied(mask: Bool[Array, "time point"], short: Array, counts: Array) -> Array:
+    closed = without_gaps(mask, short, counts)
+    return without_short(closed, jnp.maximum(short, 2), counts)
 
 
-def _heights(smoothed: Array, up: str, floor, size, valid, window: int) -> Array | None:
+def _heights(smoothed: Array, up: str, floor, size, counts, window: int) -> Array | None:
     if floor is None:
         return None
     height = smoothed[..., "xyz".index(up)]
     if isinstance(floor, str):
-        return height - height_speed.levels(height, size, valid, window)
+        return height - height_speed.levels(height, size, counts, window)
     return height - floor
 
 

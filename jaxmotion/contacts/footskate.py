@@ -34,7 +34,8 @@ from jaxmotion.contacts.contact import Contacts, Limb
 from jaxmotion.contacts.distances import move_later
 from jaxmotion.contacts.limb_ik import LimbTurn, bend_axis, limb_ik, shortest_arc
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, origin_of
-from jaxmotion.contacts.runs import spread
+from jaxmotion.frames.count import frame_mask
+from jaxmotion.frames.runs import spread
 from jaxmotion.kinematics import WorldPose, forward_kinematics
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion import conjugate, exp, log, multiply, rotate
@@ -116,19 +117,19 @@ def _feet_of(skeleton: Skeleton, contacts: Contacts) -> _Feet:
 
 
 @compiled
-def _cleanup(given, contacts, feet: _Feet, stretch, fade, floor, length) -> Motion:
+def _cleanup(given, contacts, feet: _Feet, stretch, fade, floor, count) -> Motion:
     origin = origin_of(given)
     motion, contacts = motion_near(given, origin), contacts_near(contacts, origin)
     floor = floor_near(given, origin, floor)
     pose = forward_kinematics(motion)
     joints = np.array(feet.limbs)
-    valid = jnp.asarray(np.arange(motion.num_frames, dtype=np.int32)) < length
+    counts = frame_mask(count, motion.num_frames)
     reach_of_fade = fade / motion.frame_time
     ankle = pose.positions[:, joints[:, 2]]
     turns = pose.rotations[:, joints[:, 2]]
     body = _in_end_frames(motion, pose, contacts)
     weights = jnp.asarray(np.array(feet.anchors, np.float32), motion.dtype)
-    planted = contacts.mask & valid[:, None]
+    planted = contacts.mask & counts[:, None]
     on, at, goal = _anchors(weights, planted, body, contacts.target)
     goal = move_later(on, goal, safe_norm(at[:, :, 1] - at[:, :, 0]))
     both, any_on = on.all(-1), on.any(-1)
@@ -140,7 +141,7 @@ def _cleanup(given, contacts, feet: _Feet, stretch, fade, floor, length) -> Moti
     share = share / jnp.maximum(jnp.sum(share, -1, keepdims=True), 1)
     wanted = jnp.where(any_on[..., None], jnp.sum(share[..., None] * held, 2), ankle)
     most = 1.0 if stretch is None else 1 + stretch
-    shift = _root_shift(motion, pose, joints, wanted, any_on, most, reach_of_fade, valid)
+    shift = _root_shift(motion, pose, joints, wanted, any_on, most, reach_of_fade, counts)
     base = ankle + shift[:, None]
     away = spread(jnp.where(any_on[..., None], wanted - base, 0), any_on, reach_of_fade)
     if floor is not None:
@@ -168,14 +169,14 @@ def _anchors(weights, planted, body, target):
     return total[..., 0] > 0, at, goal
 
 
-def _root_shift(motion, pose, joints, wanted, planted, most, reach_of_fade, valid):
+def _root_shift(motion, pose, joints, wanted, planted, most, reach_of_fade, counts):
     """Step 3: f[T, 3]. Smooth rounds keep limbs a little short of full length; what they leave, if
     it is beyond full length, a last round takes as it is."""
     hip, knee, ankle = (pose.positions[:, joints[:, k]] for k in range(3))
     full = most * (safe_norm(knee - hip) + safe_norm(ankle - knee))
     usual = jnp.clip(safe_norm(ankle - hip), _REACH * full, full)
     anywhere = planted.any(-1)[:, None]
-    weights = valid.astype(motion.dtype)
+    weights = counts.astype(motion.dtype)
     sine = jnp.sin(jnp.pi * jnp.minimum(_CUTOFF * motion.frame_time, 0.5))
 
     def add(shift, last):

@@ -40,14 +40,14 @@ def low_and_slow(
     heights: Float[Array, "time point"] | None,
     smoothed: Float[Array, "time point 3"],
     size: Float[Array, " point"],
-    valid: Bool[Array, " time"],
+    counts: Bool[Array, " time"],
     frame_time: Float[Array, ""],
     tolerance: Float[Array, ""],
 ) -> LowAndSlow:
     """Speeds and heights over their thresholds.
 
     **Arguments:** ``heights`` over the points' levels, None where height does not count;
-    ``smoothed`` positions; ``size``: limb lengths; ``valid``: frames that count, the first ones;
+    ``smoothed`` positions; ``size``: limb lengths; ``counts``: frames that count, the first ones;
     ``tolerance`` scales both thresholds.
     """
     count = smoothed.shape[0]
@@ -56,11 +56,11 @@ def low_and_slow(
     if count < 2:
         return LowAndSlow(jnp.zeros_like(height), height / tolerance)
     step = safe_norm(jnp.diff(smoothed, axis=0)) / (frame_time * length)
-    step = jnp.where(valid[1:, None], step, jnp.inf)
+    step = jnp.where(counts[1:, None], step, jnp.inf)
     speed = jnp.minimum(
         jnp.pad(step, ((1, 0), (0, 0)), mode="edge"), jnp.pad(step, ((0, 1), (0, 0)), mode="edge")
     )
-    seen = jnp.where(valid[:, None] & jnp.isfinite(speed), speed, jnp.nan)
+    seen = jnp.where(counts[:, None] & jnp.isfinite(speed), speed, jnp.nan)
     fast = jnp.nan_to_num(jnp.nanquantile(seen, jnp.asarray(_FAST, speed.dtype), axis=0))
     most = jnp.maximum(_SPEED, _OF_FASTEST * fast) * tolerance
     return LowAndSlow(speed / most, height / tolerance)
@@ -68,33 +68,33 @@ def low_and_slow(
 
 def smooth(
     positions: Float[Array, "time point 3"],
-    valid: Bool[Array, " time"],
+    counts: Bool[Array, " time"],
     frame_time: Float[Array, ""],
 ) -> Float[Array, "time point 3"]:
     """Positions without what is faster than 8 Hz."""
     if positions.shape[0] < 3 or positions.shape[1] == 0:
         return positions
     sine = jnp.sin(jnp.pi * jnp.minimum(_CUTOFF * frame_time, 0.5))
-    weights = valid.astype(positions.dtype)
+    weights = counts.astype(positions.dtype)
     return lgs(positions, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
 
 
 def levels(
     heights: Float[Array, "time point"],
     size: Float[Array, " point"],
-    valid: Bool[Array, " time"],
+    counts: Bool[Array, " time"],
     window: int,
 ) -> Float[Array, "time point"]:
     """Height at which each point stands about each frame, f[T, C]; the module has the rule.
 
     **Arguments:** ``window``: frames in 0.08 s.
     """
-    seen = jnp.where(valid[:, None], heights, jnp.nan)
+    seen = jnp.where(counts[:, None], heights, jnp.nan)
     usual = jnp.nanquantile(seen, jnp.asarray(_LEVEL, heights.dtype), axis=0)
     side = _STRIDE * window
     infinite = np.asarray(np.inf, heights.dtype)
     lowest = jax.lax.reduce_window(
-        jnp.where(valid[:, None], heights, infinite),
+        jnp.where(counts[:, None], heights, infinite),
         infinite,
         jax.lax.min,
         (2 * side + 1, 1),

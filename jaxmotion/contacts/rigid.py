@@ -48,22 +48,22 @@ def rest(
     positions: Float[Array, "time point 3"],
     rotations: Float[Array, "time point 3 3"],
     size: Float[Array, " point"],
-    valid: Bool[Array, " time"],
+    counts: Bool[Array, " time"],
     window: int,
     tolerance: Float[Array, ""],
 ) -> Rest:
     """How far each point's segment is from having a fixed point close by.
 
     **Arguments:** world ``positions`` of the points, ``rotations`` of their joints; ``size``: limb
-    lengths; ``valid``: frames that count, the first ones; ``window``: n ≤ T; ``tolerance`` scales
+    lengths; ``counts``: frames that count, the first ones; ``window``: n ≤ T; ``tolerance`` scales
     ``still``.
     """
     still = STILL * tolerance
     square, spin = _window_moments(positions, rotations, size, window, still)
-    deviation = noise_level(positions, valid)
+    deviation = noise_level(positions, counts)
     bound = (still * size) ** 2 + _NOISE**2 * 3 * deviation**2
     ratio = safe_sqrt(square / jnp.where(bound > 0, bound, 1))
-    whole = valid[window - 1 :, None]
+    whole = counts[window - 1 :, None]
     turning = jax.lax.stop_gradient(jnp.linalg.eigvalsh(spin))
     arm = jnp.where(size > 0, _FOOT * size, 1)
     least = ((5 * still) ** 2 + 3 * (deviation / arm) ** 2)[None, :, None]
@@ -78,14 +78,14 @@ def rest(
 
 
 def noise_level(
-    positions: Float[Array, "time point 3"], valid: Bool[Array, " time"]
+    positions: Float[Array, "time point 3"], counts: Bool[Array, " time"]
 ) -> Float[Array, " point"]:
     """σ: white noise of each point's coordinates, from the lower quartile of ‖third differences‖;
     0 for clips too short to tell."""
     if positions.shape[0] < 4:
         return jnp.zeros(positions.shape[1], positions.dtype)
     third = safe_norm(jnp.diff(positions, n=3, axis=0))
-    third = jnp.where(valid[3:, None], third, jnp.nan)
+    third = jnp.where(counts[3:, None], third, jnp.nan)
     quartile = jnp.nanquantile(third, jnp.asarray(0.25, positions.dtype), axis=0)
     known = jnp.isfinite(quartile)
     return jnp.where(known, quartile / (_CHI3_QUARTILE * math.sqrt(20.0)), 0)

@@ -12,14 +12,14 @@ T frames, C points, O(T·(J + C)). Differentiable in motion and targets.
 """
 
 import jax.numpy as jnp
-import numpy as np
 
 from jaxmotion._checks import counted
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, origin_of
-from jaxmotion.contacts.runs import spread
+from jaxmotion.frames.count import frame_mask
+from jaxmotion.frames.runs import spread
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing import lgs
 
@@ -53,10 +53,10 @@ def cleanup_root(
 
 
 @compiled
-def _cleanup(motion: Motion, contacts: Contacts, floor, length) -> Motion:
+def _cleanup(motion: Motion, contacts: Contacts, floor, count) -> Motion:
     kind, up = motion.dtype, "xyz".index(motion.skeleton.up)
-    valid = jnp.asarray(np.arange(motion.num_frames, dtype=np.int32)) < length
-    planted = contacts.mask & valid[:, None]
+    counts = frame_mask(count, motion.num_frames)
+    planted = contacts.mask & counts[:, None]
     origin = origin_of(motion)
     points, floor = (
         contacts.points.positions(motion_near(motion, origin)),
@@ -74,7 +74,7 @@ def _cleanup(motion: Motion, contacts: Contacts, floor, length) -> Motion:
     shift = shift.at[:, up].set(spread(low[..., None], anywhere, whole)[:, 0, 0])
     if motion.num_frames > 2:
         sine = jnp.sin(jnp.pi * jnp.minimum(_CUTOFF * motion.frame_time, 0.5))
-        weights = valid.astype(kind)
+        weights = counts.astype(kind)
         smooth = lgs(shift, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
         shift = jnp.where(jnp.any(shift != 0), smooth, 0)
     if floor is not None:

@@ -32,6 +32,7 @@ from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, minus
+from jaxmotion.frames.count import counted_weights
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing import MotionTuning, lgs, smooth_motion, tune
 from jaxmotion.smoothing.rotations import from_components, geodesic_limit, to_components
@@ -94,7 +95,7 @@ def decompose(
     """
     one_of("decompose: scope", scope, ("global", "per_joint"))
     check_method(method, "decompose")
-    motion, weights = counted_weights(motion, weights, length, "decompose")
+    motion, weights = checked_weights(motion, weights, length, "decompose")
     gamma, lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (gamma, lam_c, sigma_c))
     outside = ~((gamma > 0) & (gamma < np.pi))
     message = "decompose: gamma must be an angle between 0 and π"
@@ -107,7 +108,7 @@ def check_method(method: str, caller: str) -> None:
     one_of(f"{caller}: method", method, ("chordal", "geodesic"))
 
 
-def counted_weights(
+def checked_weights(
     motion: Motion, weights: ArrayLike | None, length: ScalarLike | None, caller: str
 ) -> tuple[Motion, Array | None]:
     """The motion, its ``length`` checked, and ``weights``, 0 from frame ``length`` on; None where
@@ -116,20 +117,16 @@ def counted_weights(
     **Raises:** ``ValueError`` for weights that are neither f[T] nor f[T, J]; as ``counted``.
     """
     frames, joints = motion.num_frames, motion.num_joints
-    counts = None
-    if length is not None:
-        count, motion = counted(f"{caller}: length", length, frames, motion)
-        counts = (jnp.arange(frames, dtype=count.dtype) < count).astype(motion.dtype)
-    if weights is None:
-        return motion, counts
-    weights = jnp.asarray(weights, motion.dtype)
-    if weights.shape not in ((frames,), (frames, joints)):
-        raise ValueError(
-            f"weights have shape {weights.shape}; expected ({frames},) or ({frames}, {joints})"
-        )
-    if counts is None:
+    if weights is not None:
+        weights = jnp.asarray(weights, motion.dtype)
+        if weights.shape not in ((frames,), (frames, joints)):
+            raise ValueError(
+                f"weights have shape {weights.shape}; expected ({frames},) or ({frames}, {joints})"
+            )
+    if length is None:
         return motion, weights
-    return motion, weights * counts.reshape(-1, *[1] * (weights.ndim - 1))
+    count, motion = counted(f"{caller}: length", length, frames, motion)
+    return motion, counted_weights(weights, count, frames, motion.dtype)
 
 
 @compiled
@@ -177,7 +174,7 @@ def without_noise(
     method: Literal["chordal", "geodesic"],
 ) -> tuple[MotionTuning, Motion]:
     """M̂: what is learned of the noise, joint by joint (``smoothing.tune``), and the motion smoothed
-    accordingly. ``weights`` as :func:`counted_weights` gives them. O(T·J)."""
+    accordingly. ``weights`` as :func:`checked_weights` gives them. O(T·J)."""
     tuning = tune(motion, criterion=criterion, order=order, weights=weights)
     assert isinstance(tuning, MotionTuning)
     turning, moving = tuning.rotations, tuning.translations

@@ -20,7 +20,7 @@ from jaxmotion.displacement import Displacement, minus, plus
 from jaxmotion.layers.decompose import (
     MotionLayers,
     check_method,
-    counted_weights,
+    checked_weights,
     decompose,
     without_noise,
 )
@@ -93,7 +93,7 @@ def denoise(
     **Raises:** as :func:`decompose` and :func:`synthesize`.
     """
     check_method(method, "denoise")
-    motion, weights = counted_weights(motion, weights, length, "denoise")
+    motion, weights = checked_weights(motion, weights, length, "denoise")
     if robust:
         weights = outlier_weights(motion, weights=weights)
     kept = 1.0 - jnp.asarray(strength, motion.dtype)

@@ -29,9 +29,9 @@ from jaxmotion._checks import require, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts, detect
+from jaxmotion.frames.padding import bucket_size, in_buckets
 from jaxmotion.layers.synthesize import stylize
 from jaxmotion.motion import Motion
-from jaxmotion.timing.buckets import bucket_size, pad_to_bucket
 from jaxmotion.timing.resample import Method, Signs, even_reading, frames_within, read_motion
 from jaxmotion.timing.time_maps import eased, read_backwards, slowed_by_speed
 
@@ -128,10 +128,7 @@ def _source_times(
 
 def _landing(motion: Motion, amount: Array) -> Float[Array, " frame"]:
     """u, where the frames of the clip (padded, unless it is traced) land when it is slowed."""
-    clips = motion.translations, motion.rotations
-    if motion.num_frames > 1 and not traced(clips):
-        clips = [pad_to_bucket(np.asarray(clip))[0] for clip in clips]  # type: ignore[arg-type]
-    translations, rotations = clips
+    translations, rotations = in_buckets(motion.translations, motion.rotations)
     moved = np.asarray(motion.translated_joints, np.int32)
     return _slowed(
         translations[:, moved],

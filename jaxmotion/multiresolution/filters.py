@@ -22,9 +22,9 @@ from jaxtyping import Array, Float
 
 from jaxmotion._checks import require
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
+from jaxmotion.frames.ends import steps_around
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.kernels import quaternions_of, rotations_of, steps, turned
-from jaxmotion.multiresolution.masks import mirror
 from jaxmotion.multiresolution.parts import together
 from jaxmotion.multiresolution.poses import aligned, check_single
 
@@ -86,7 +86,7 @@ def _weighted(steps: Array, weights: Array) -> Array:
     frames, width = steps.shape[0] + 1, weights.shape[-1]
     if width == 0:
         return jnp.zeros((frames, *steps.shape[1:]), steps.dtype)
-    index = mirror(frames - 1, width // 2, width // 2)
+    index = steps_around(frames - 1, width // 2, width // 2)
     outside = width // 2, width // 2 + frames - 1
     longer = jnp.concatenate([steps[index[: outside[0]]], steps, steps[index[outside[1] :]]])
     column = (-1,) + (1,) * (steps.ndim - 1)

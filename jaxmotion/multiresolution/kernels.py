@@ -38,6 +38,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion._numerics import series_switch
 from jaxmotion._types import AnyArray
+from jaxmotion.frames.count import step_mask
 from jaxmotion.multiresolution.linear import driven, fenced
 from jaxmotion.multiresolution.parts import (
     Parts,
@@ -206,7 +207,7 @@ def among(count: Array | None, steps: Parts) -> Parts:
     """The steps between the frames that count, and zeros."""
     if count is None:
         return steps
-    real = jnp.arange(len(steps[0]))[:, None] < count - 1
+    real = step_mask(count, len(steps[0]) + 1)[:, None]
     return tuple(jnp.where(real, x, 0) for x in steps)
 
 

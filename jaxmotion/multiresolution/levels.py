@@ -29,6 +29,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from jaxmotion.frames.ends import mirrored_step
 from jaxmotion.multiresolution.kernels import (
     Rotations,
     among,
@@ -79,7 +80,7 @@ def even_frames(fine: Level) -> tuple[Parts, Rotations, Array | None]:
     count, frames = fine.count, len(fine.rotations.turn[0])
     rows = min(frames, 3)
     start = jnp.maximum(count - rows, 0)
-    past = mirror_index(count - 1, count - 1) - start
+    past = mirrored_step(count - 1, count - 1) - start
 
     def ended(even: Any, end: Any) -> Any:
         return jax.tree.map(
@@ -168,14 +169,6 @@ def _made_of(turns: Parts | Array, weights: tuple, ends: Ends, stride: int = 1) 
     return uneven, (turns, weights, ends[:2]), ends[2:]
 
 
-def mirror_index(index: Array, count: Array) -> Array:
-    """Where Eq. 6 takes step ``index`` of ``count``: mirrored at the first and the last, again and
-    again."""
-    period = jnp.maximum(2 * (count - 1), 1)
-    index = jnp.abs(index) % period
-    return jnp.clip(jnp.minimum(index, period - index), 0, jnp.maximum(count - 1, 0))
-
-
 def _mirrored(spacing: Array, count: Array) -> Array:
     """Spacings −2 … of a clip of ``count`` frames, first continued by one if they are even, then
     mirrored: two in front and three behind the buffer's."""
@@ -190,9 +183,9 @@ def _mirrored_steps(count: Array) -> tuple[Array, Array]:
     real = count - 1
     whole = real + 1 - count % 2
     before, behind = (
-        mirror_index(first + jnp.arange(n), whole) for first, n in ((-2, 2), (real, 3))
+        mirrored_step(first + jnp.arange(n), whole) for first, n in ((-2, 2), (real, 3))
     )
-    return mirror_index(before, real), mirror_index(behind, real)
+    return mirrored_step(before, real), mirrored_step(behind, real)
 
 
 def _mirrored_ends(steps: int, count: Array, dtype) -> Ends:

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion._types import AnyArray, ScalarLike
+from jaxmotion.frames.ends import steps_around
 
 
 def smoothing_mask(
@@ -90,19 +91,10 @@ def band_pass_mask(low: float, high: float, half_width: int) -> Float[np.ndarray
     return band + (1.0 - band.sum()) * window / window.sum()
 
 
-def mirror(count: int, before: int, after: int) -> np.ndarray:
-    """Indices −before … count + after − 1 of ``count`` steps, mirrored at the first and the last:
-    ω₋ᵢ = ωᵢ and ωₙ₋₁₊ᵢ = ωₙ₋₁₋ᵢ (Lee & Shin, Eq. 6), again and again where that leaves the clip."""
-    index = np.arange(-before, count + after)
-    period = max(2 * (count - 1), 1)
-    index = np.abs(index) % period
-    return np.minimum(index, period - index) if count > 1 else np.zeros_like(index)
-
-
 def knots_around(times: Float[AnyArray, " time"], reach: int) -> Float[AnyArray, "time width"]:
     """Times of the 2·reach + 1 frames around each of T ≥ 2, steps mirrored at the ends, as
     multiples of their mean spacing from the middle one."""
-    steps = (times[1:] - times[:-1])[mirror(len(times) - 1, reach, reach)]
+    steps = (times[1:] - times[:-1])[steps_around(len(times) - 1, reach, reach)]
     extended = jnp.concatenate([jnp.zeros(1, times.dtype), jnp.cumsum(steps)])
     knots = extended[np.arange(len(times))[:, None] + np.arange(2 * reach + 1)]
     spacing = (knots[:, -1:] - knots[:, :1]) / (2 * reach)

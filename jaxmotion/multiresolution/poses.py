@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from jaxmotion._checks import require
 from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
+from jaxmotion.frames.count import step_mask
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.kernels import Rotations, quaternions_of, rotations_of, step, turned
 from jaxmotion.multiresolution.parts import (
@@ -53,7 +54,7 @@ def spacing_of(times: Array | None, count: Array) -> Array | None:
     """Time from frame to frame, 1 past the frames that count."""
     if times is None:
         return None
-    return jnp.where(jnp.arange(len(times) - 1) < count - 1, times[1:] - times[:-1], 1)
+    return jnp.where(step_mask(count, len(times)), times[1:] - times[:-1], 1)
 
 
 def poses_of(motion: Motion) -> Poses:
@@ -128,5 +129,5 @@ def checked_times(
     times = jnp.asarray(times, dtype)
     falling = ~(times[1:] > times[:-1])
     if count is not None:
-        falling = falling & (jnp.arange(1, frames, dtype=count.dtype) < count)
+        falling = falling & step_mask(count, frames)
     return require(times, jnp.any(falling), f"{caller}: times must increase from frame to frame")

@@ -15,7 +15,6 @@ are averaged) there is no mean rotation, and the identity is returned.
 
 from typing import Literal, TypeAlias
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -24,6 +23,7 @@ from jaxmotion import quaternion
 from jaxmotion._checks import one_of
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
+from jaxmotion.frames.runs import held
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.lgs import lgs
 from jaxmotion.smoothing.windowed import windowed_lgs
@@ -205,7 +205,7 @@ def to_components(
     """What the linear smoother works on: quaternions with their signs settled, or their logs.
     Samples of weight 0 take a neighbour's value."""
     if weights is not None:
-        q = _filled(q, _per_component(weights, q))
+        q = held(q, _per_component(weights, q) > 0)
     if signs != "input":
         q = _signed_in_time(q, index, signs)
     return q if method == "chordal" else quaternion.log(q)
@@ -251,15 +251,6 @@ def _squeezed(weights: Array | None) -> Array | None:
     if weights is None or weights.size != weights.shape[0]:
         return weights
     return weights.reshape(-1)
-
-
-def _filled(q: Array, weights: Array) -> Array:
-    """Missing samples take the value of the last one before them that is there (else the next)."""
-    frames = np.arange(q.shape[0]).reshape((-1,) + (1,) * (q.ndim - 1))
-    there = weights > 0
-    last = jax.lax.cummax(jnp.where(there, frames, -1), axis=0)
-    first = jnp.argmax(there, axis=0, keepdims=True)
-    return jnp.take_along_axis(q, jnp.where(last < 0, first, last), axis=0)
 
 
 def _signed_in_time(q: Array, index: ArrayLike | None, signs: Signs) -> Array:

@@ -11,8 +11,9 @@ border, and ever more loosely: no force begins or ends with a jump. Between two 
 """
 
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Bool, Float
+
+from jaxmotion.frames.runs import last_before, next_after
 
 
 def ramped_goals(
@@ -25,8 +26,7 @@ def ramped_goals(
     """(goals, weights) of the module's table. ``ramp``: r, seconds, at least 0."""
     time = mask.shape[0]
     frame = jnp.broadcast_to(jnp.arange(time, dtype=jnp.int32)[:, None], mask.shape)
-    before = lax.cummax(jnp.where(mask, frame, -1))
-    after = lax.cummin(jnp.where(mask, frame, time), reverse=True)
+    before, after = last_before(mask), next_after(mask)
     offset = jnp.where(mask[..., None], target - positions, 0)
 
     def side(border, exists):

@@ -23,6 +23,7 @@ from jaxmotion._checks import counted, traced
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, detect, fit_distances
 from jaxmotion.contacts.nearby import contacts_near, motion_near, moved_as, origin_of
+from jaxmotion.frames.count import frame_mask
 from jaxmotion.motion import Motion
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def restore(
         weights = spacetime.Weights(size=_SIZE, bend=_SIZE * _FADE**4, root=_ROOT)
     if length is not None:
         count, motion = counted("keep_contacts: length", length, contacts.num_frames, motion)
-        counts = jnp.arange(contacts.num_frames, dtype=count.dtype) < count
+        counts = frame_mask(count, contacts.num_frames)
         contacts = eqx.tree_at(lambda c: c.mask, contacts, contacts.mask & counts[:, None])
     # Near the origin once for both steps, or far away the targets' rounding would come between.
     origin = origin_of(motion)

@@ -1,7 +1,7 @@
 """Time: aligning, warping and resampling clips."""
 
+from jaxmotion.frames.padding import bucket_size, pad_to_bucket
 from jaxmotion.timing.align import Alignment, align
-from jaxmotion.timing.buckets import bucket_size, pad_to_bucket
 from jaxmotion.timing.dtw import WarpPath, dtw
 from jaxmotion.timing.frame_distance import frame_distance
 from jaxmotion.timing.motion_warping import MotionWarp, motion_warping, unwarp

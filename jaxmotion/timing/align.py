@@ -25,13 +25,14 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import one_of, require, traced
+from jaxmotion._checks import one_of, require
 from jaxmotion._numerics import safe_sqrt
 from jaxmotion._portable import Portable
 from jaxmotion._types import ScalarLike
+from jaxmotion.frames.count import frame_mask
+from jaxmotion.frames.padding import in_buckets
 from jaxmotion.linalg import banded_solve
 from jaxmotion.motion import Motion
-from jaxmotion.timing.buckets import pad_to_bucket
 from jaxmotion.timing.dtw import dtw
 from jaxmotion.timing.motion_warping import motion_warping
 from jaxmotion.timing.resample import even_reading, read_motion
@@ -84,8 +85,7 @@ def align(
         path = jnp.stack([warp.source_index, warp.reference_index], axis=1)
         length = jnp.asarray(path.shape[0], jnp.int32)
     else:
-        if not traced(x, y):
-            x, y = (pad_to_bucket(np.asarray(clip))[0] for clip in (x, y))  # type: ignore[arg-type]
+        x, y = in_buckets(x, y)
         warp = dtw(
             x,
             y,
@@ -140,7 +140,7 @@ def _source_times(
     settle: Float[Array, ""],
 ) -> tuple[Float[Array, " reference"], Float[Array, ""]]:
     """Smoothed source time of every reference frame (padded), and the rms angle over the path."""
-    counts = (jnp.arange(path.shape[0], dtype=length.dtype) < length).astype(x.dtype)
+    counts = frame_mask(length, path.shape[0]).astype(x.dtype)
     source, reference = path[:, 0], path[:, 1]
     frames = y.shape[0]
     number = jax.ops.segment_sum(counts, reference, frames)

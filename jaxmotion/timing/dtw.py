@@ -17,7 +17,7 @@ cells it selected, ∂cost/∂D[i, j] = how often (i, j) is counted (over the no
 derivatives in D are zero. Of tied paths the first in the pattern's order is taken.
 
 Sharp bits: every shape of clips is compiled for once, and padded clips
-(:mod:`jaxmotion.timing.buckets`) let one compilation serve many lengths; a metric of one's own is
+(:mod:`jaxmotion.frames.padding`) let one compilation serve many lengths; a metric of one's own is
 known again only if it is the same function object.
 """
 
@@ -30,6 +30,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxmotion._checks import one_of
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, ScalarLike
+from jaxmotion.frames.count import frame_mask
 from jaxmotion.timing.accumulate import accumulator, choice_radix
 from jaxmotion.timing.frame_distance import Metric, counted_pair, last_frames, local_cost
 from jaxmotion.timing.step_patterns import StepPattern, step_pattern_named
@@ -49,7 +50,7 @@ class WarpPath(Portable):
     @property
     def mask(self) -> Bool[Array, "... most_cells"]:
         """Which entries of ``path`` belong to it."""
-        return jnp.arange(self.path.shape[-2], dtype=self.length.dtype) < self.length[..., None]
+        return frame_mask(self.length, self.path.shape[-2])
 
 
 def dtw(

@@ -25,7 +25,7 @@ frame. From 24 to 23.976 fps at λσ = 10⁻² a wave of 1 Hz is off by 9·10⁻
 noise of rms 1 comes out at 2, peaks at 13; here it is off by 10⁻⁵, and the noise comes out at 0.9.
 
 O(T·J + N·J). Clips are padded to a few lengths on the way in, unless they are traced, so that one
-compilation serves many (:mod:`jaxmotion.timing.buckets`).
+compilation serves many (:mod:`jaxmotion.frames.padding`).
 """
 
 from typing import Literal, NamedTuple, TypeAlias
@@ -40,8 +40,8 @@ from jaxmotion import quaternion
 from jaxmotion._checks import one_of, require, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
+from jaxmotion.frames.padding import bucket_size, in_buckets
 from jaxmotion.motion import Motion
-from jaxmotion.timing.buckets import bucket_size, pad_to_bucket
 from jaxmotion.timing.spline import local_slopes, read_curve, smoothed_knots
 
 Method: TypeAlias = Literal["lgs", "slerp", "cubic"]
@@ -172,10 +172,7 @@ def read_motion(
     moved = np.asarray(motion.translated_joints, np.int32)
     translations, rotations = motion.translations, motion.rotations
     if frames > 1 and not traced(translations, rotations, reading, smoothing):
-        translations, rotations = (
-            pad_to_bucket(np.asarray(clip))[0]  # type: ignore[arg-type]
-            for clip in (translations, rotations)
-        )
+        translations, rotations = in_buckets(translations, rotations)
         reading = _padded(reading, rotations.shape[0] - 1, bucket_size(wanted))
     h, interval, fraction = map(jnp.asarray, reading)
     place = _place(translations[:, moved])

@@ -5,7 +5,7 @@ from itertools import groupby
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmotion.contacts import runs
+from jaxmotion.frames import runs
 from tests.helpers import check_gradients
 
 T, C = 60, 5
@@ -88,3 +88,18 @@ def test_spread_against_a_loop():
                 want[t, c] += (2 * u**3 - 3 * u**2 + 1) * values[frame, c]
     np.testing.assert_allclose(got, want, atol=1e-12)
     check_gradients(lambda v: runs.spread(v, jnp.asarray(on), jnp.asarray(reach)), values)
+
+
+def test_held_values_are_the_last_there_or_else_the_first():
+    rng = np.random.default_rng(3)
+    values, mask = rng.normal(size=(12, 4)), rng.random((12, 4)) < 0.4
+    mask[:, 0], mask[:, 1] = False, True
+    found = runs.held(jnp.asarray(values), jnp.asarray(mask))
+    for c in range(4):
+        there = np.flatnonzero(mask[:, c])
+        for t in range(12):
+            before = there[there <= t]
+            at = before[-1] if len(before) else (there[0] if len(there) else 0)
+            assert found[t, c] == values[at, c]
+    shared = runs.held(jnp.asarray(values), jnp.asarray(mask[:, 2:3]))
+    np.testing.assert_array_equal(shared[:, 2], found[:, 2])

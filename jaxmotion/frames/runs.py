@@ -1,25 +1,32 @@
 """Runs of set frames in masks: where they begin and end, and rules on their lengths.
 
-Every function takes bool[T, C], works on each column by itself, and costs O(T·C) without loops:
-the last frame with a property, up to here, is a running maximum of frame numbers.
+Every function takes bool[T, ...], works on each column by itself, and costs O(T) a column without
+loops: the last frame with a property, up to here, is a running maximum of frame numbers.
 """
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 Mask = Bool[Array, "time point"]
 
 
-def last_before(mask: Mask) -> Int[Array, "time point"]:
+def last_before(mask: Bool[Array, "time *rest"]) -> Int[Array, "time *rest"]:
     """The last set frame up to and with each frame; −1 where there is none."""
     return jax.lax.cummax(jnp.where(mask, _frames(mask), -1), axis=0)
 
 
-def next_after(mask: Mask) -> Int[Array, "time point"]:
+def next_after(mask: Bool[Array, "time *rest"]) -> Int[Array, "time *rest"]:
     """The next set frame from each frame on; T where there is none."""
     return jax.lax.cummin(jnp.where(mask, _frames(mask), mask.shape[0]), axis=0, reverse=True)
+
+
+def held(values: Shaped[Array, "time *rest"], mask: Bool[Array, "time ..."]) -> Array:
+    """Values where the mask is set; elsewhere the last one before that is, or else the first of
+    all. The mask has the values' axes, each equal or 1."""
+    last, first = last_before(mask), next_after(mask)[:1] % mask.shape[0]
+    return jnp.take_along_axis(values, jnp.where(last < 0, first, last), axis=0)
 
 
 def hysteresis(strong: Mask, weak: Mask) -> Mask:
@@ -30,16 +37,16 @@ def hysteresis(strong: Mask, weak: Mask) -> Mask:
     return either & (from_before | from_after)
 
 
-def without_short(mask: Mask, least: Int[Array, ""], valid: Bool[Array, " time"]) -> Mask:
-    """Drop runs of fewer than ``least`` frames; those cut by an end of the valid frames stay."""
+def without_short(mask: Mask, least: Int[Array, ""], counts: Bool[Array, " time"]) -> Mask:
+    """Drop runs of fewer than ``least`` frames; those that an end of the clip cuts stay."""
     begin, end = last_before(~mask), next_after(~mask)
-    cut = (begin < 0) | (end >= jnp.sum(valid, dtype=jnp.int32))
+    cut = (begin < 0) | (end >= jnp.sum(counts, dtype=jnp.int32))
     return mask & (cut | (end - begin - 1 >= least))
 
 
-def without_gaps(mask: Mask, least: Int[Array, ""], valid: Bool[Array, " time"]) -> Mask:
+def without_gaps(mask: Mask, least: Int[Array, ""], counts: Bool[Array, " time"]) -> Mask:
     """Close gaps of fewer than ``least`` frames between two runs."""
-    return ~without_short(~mask & valid[:, None], least, valid) & valid[:, None]
+    return ~without_short(~mask & counts[:, None], least, counts) & counts[:, None]
 
 
 def mean_over_runs(
@@ -89,5 +96,6 @@ def spread(
     return jnp.where(on[..., None], values, side(before, since) + side(after, until))
 
 
-def _frames(mask: Mask) -> Int[Array, "time 1"]:
-    return jnp.asarray(np.arange(mask.shape[0], dtype=np.int32)[:, None])
+def _frames(mask: Bool[Array, "time *rest"]) -> Int[Array, "time *one"]:
+    frames = np.arange(mask.shape[0], dtype=np.int32)
+    return jnp.asarray(frames.reshape(-1, *[1] * (mask.ndim - 1)))

@@ -11,6 +11,7 @@ frames on at most a third of a bucket is padding, and clips of up to T frames ne
 import numpy as np
 from jaxtyping import Shaped
 
+from jaxmotion._checks import traced
 from jaxmotion._types import AnyArray
 
 
@@ -45,3 +46,12 @@ def pad_to_bucket(
         raise ValueError(f"size={size}; want at least the clip's {frames} frames")
     index = np.minimum(np.arange(size), frames - 1)
     return clip[index], frames
+
+
+def in_buckets(*clips: AnyArray) -> tuple[AnyArray, ...]:
+    """The clips, of two frames or more and not traced, each padded to its bucket, as NumPy
+    arrays; others as they are (one frame does not determine what comes after it)."""
+    if traced(clips):
+        return clips
+    clips = tuple(map(np.asarray, clips))  # type: ignore[assignment]
+    return tuple(pad_to_bucket(c)[0] if len(c) > 1 else c for c in clips)

@@ -1,0 +1,3 @@
+"""Frames of clips, without the clips: which of them count, runs of them, what goes on beyond their
+ends, padding. Arrays have time in front. For the rooms above; users meet it in their arguments.
+"""
