@@ -32,7 +32,8 @@ from jaxtyping import Array, Float
 from jaxmotion import quaternion
 from jaxmotion._portable import Portable
 from jaxmotion.motion import Motion
-from jaxmotion.quaternion.algebra import multiply, normalized, product, rotated
+from jaxmotion.quaternion.algebra import multiply
+from jaxmotion.quaternion.parts import normalized, product, rotated
 from jaxmotion.skeleton import Skeleton, levels_of
 
 Lanes = Float[Array, "joint _ #time"]

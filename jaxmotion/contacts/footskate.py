@@ -32,13 +32,14 @@ from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts, Limb
 from jaxmotion.contacts.distances import move_later
-from jaxmotion.contacts.limb_ik import LimbTurn, bend_axis, limb_ik, shortest_arc
+from jaxmotion.contacts.limb_ik import LimbTurn, bend_axis, limb_ik
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, origin_of
 from jaxmotion.frames.count import frame_mask
 from jaxmotion.frames.runs import spread
 from jaxmotion.kinematics import WorldPose, forward_kinematics
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion import conjugate, exp, log, multiply, rotate
+from jaxmotion.quaternion.arcs import shortest_arc
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.smoothing import lgs
 

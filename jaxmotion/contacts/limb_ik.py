@@ -29,8 +29,8 @@ from jaxtyping import Array, Float
 
 from jaxmotion._numerics import safe_arctan2, safe_norm, safe_sqrt
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike, Vector3
-from jaxmotion.quaternion import multiply, normalize, rotate
-from jaxmotion.quaternion.algebra import assemble
+from jaxmotion.quaternion import multiply, rotate
+from jaxmotion.quaternion.arcs import shortest_arc, unit, unit_across
 
 _STEADY = 0.15  # weight of the given hinge against sin of the bend
 
@@ -78,7 +78,7 @@ def limb_ik(
     if hinge is not None:
         bones = safe_norm(upper, keepdims=True) * safe_norm(lower, keepdims=True)
         bent = bent + _STEADY * bones * jnp.asarray(hinge, bent.dtype)
-    axis = _unit_across(bent, upper, straight_below)
+    axis = unit_across(bent, upper, straight_below)
     bend, size = _bend(upper, lower, axis, wanted, stretch, straight)
     lower = rotate(bend, lower)
     swing = shortest_arc(upper + lower, wanted)
@@ -95,7 +95,7 @@ def bend_axis(upper: Vector3, lower: Vector3) -> tuple[Vector3, Float[Array, "..
 
 def _bend(upper, lower, axis, wanted, stretch, straight):
     """The turn of the second bone about the hinge, and the scale of both bones."""
-    along = _unit(upper)
+    along = unit(upper)
     ahead = jnp.cross(axis, along)
     l1, forward = safe_norm(upper), jnp.sum(lower * along, -1)
     sideways = jnp.sum(lower * ahead, -1)
@@ -124,7 +124,7 @@ def _bend(upper, lower, axis, wanted, stretch, straight):
     size = jnp.clip(jnp.where(length > 0, needed, 1), 1 / most, most)
     flexion = jnp.where(size == needed, damped, flexion_for(r_squared / size**2))
     half = 0.5 * (flexion - now)
-    return assemble(jnp.cos(half), *jnp.unstack(jnp.sin(half)[..., None] * axis, axis=-1)), size
+    return jnp.concatenate([jnp.cos(half)[..., None], jnp.sin(half)[..., None] * axis], -1), size
 
 
 def _damping(flexion, straight):
@@ -132,35 +132,3 @@ def _damping(flexion, straight):
     limit = np.pi - jnp.asarray(straight, flexion.dtype)
     u = jnp.clip(1 - flexion / limit, 0, 1)
     return jnp.maximum(flexion, limit) - limit * (u**4 / 2 - u**3 + u)
-
-
-def shortest_arc(source, goal) -> Quaternion:
-    """The shortest rotation from one direction to another; none if either has no length; half a
-    turn about some perpendicular axis if they are opposite."""
-    a, b = _unit(source), _unit(goal)
-    known = (jnp.sum(a * a, -1) > 0) & (jnp.sum(b * b, -1) > 0)
-    cosine = jnp.where(known, jnp.sum(a * b, -1), 1)
-    across = jnp.where(known[..., None], jnp.cross(a, b), 0)
-    opposite = cosine < -1 + 64 * float(jnp.finfo(cosine.dtype).eps)
-    turned = _unit_across(jnp.zeros_like(a), a, 0)
-    real = jnp.where(opposite, 0, 1 + cosine)
-    vector = jnp.where(opposite[..., None], turned, across)
-    return normalize(assemble(real, *jnp.unstack(vector, axis=-1)))
-
-
-def _unit(v):
-    length = safe_norm(v, keepdims=True)
-    return v / jnp.where(length > 0, length, 1)
-
-
-def _unit_across(v, line, noise):
-    """Unit vector along v's part perpendicular to the line; some perpendicular if that part is no
-    longer than the noise."""
-    along = _unit(line)
-    # Least of the line's components: the axis that is farthest from it.
-    spare = jnp.asarray(np.eye(3), v.dtype)[jnp.argmin(jnp.abs(along), axis=-1)]
-    spare = spare - jnp.sum(spare * along, -1, keepdims=True) * along
-    rest = v - jnp.sum(v * along, -1, keepdims=True) * along
-    length = safe_norm(rest, keepdims=True)
-    usable = length > noise
-    return jnp.where(usable, rest / jnp.where(usable, length, 1), _unit(spare))

@@ -27,7 +27,6 @@ from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.cascade import ascend, descend, level_sizes
 from jaxmotion.multiresolution.levels import level_of
-from jaxmotion.multiresolution.parts import together
 from jaxmotion.multiresolution.poses import (
     Poses,
     Times,
@@ -41,6 +40,7 @@ from jaxmotion.multiresolution.poses import (
     spacing_of,
 )
 from jaxmotion.multiresolution.pyramid import Pyramid, chains, level_count
+from jaxmotion.quaternion.parts import together
 
 _LARGEST_CODE = 2**31 - 1
 

@@ -25,8 +25,8 @@ from jaxmotion._types import AnyArray, ArrayLike, Quaternion
 from jaxmotion.frames.ends import steps_around
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.kernels import quaternions_of, rotations_of, steps, turned
-from jaxmotion.multiresolution.parts import together
 from jaxmotion.multiresolution.poses import aligned, check_single
+from jaxmotion.quaternion.parts import together
 
 
 def orientation_filter(q: Quaternion, mask: ArrayLike) -> Quaternion:

@@ -36,11 +36,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._numerics import series_switch
 from jaxmotion._types import AnyArray
 from jaxmotion.frames.count import step_mask
 from jaxmotion.multiresolution.linear import driven, fenced
-from jaxmotion.multiresolution.parts import (
+from jaxmotion.quaternion.parts import (
     Parts,
     added,
     conjugate,
@@ -48,12 +47,14 @@ from jaxmotion.multiresolution.parts import (
     dot,
     joined_neighbours,
     neighbours,
+    normalized,
     parts_of,
+    product,
     scaled,
     subtracted,
     together,
 )
-from jaxmotion.quaternion.algebra import normalized, product
+from jaxmotion.quaternion.tangent import inverse_jacobian_factor, jacobian_factor
 
 
 class Rotations(NamedTuple):
@@ -163,13 +164,13 @@ def _step_of_turns(omega: Parts, turns: tuple[Parts, Parts]) -> Parts:
     before, after = turns
     difference, mean = subtracted(after, before), scaled(0.5, added(before, after))
     twice = cross(omega, cross(omega, difference))
-    bent = scaled(_inverse_jacobian_factor(dot(omega, omega)), twice)
+    bent = scaled(_bend_factor(omega), twice)
     return added(added(difference, cross(omega, mean)), bent)
 
 
 def _turns_of_step(omega: Parts, pull: Parts) -> tuple[Parts, Parts]:
     """The transpose of :func:`_step_of_turns`."""
-    factor = fenced(lambda omega: _inverse_jacobian_factor(dot(omega, omega)), omega)
+    factor = fenced(_bend_factor, omega)
     once = cross(omega, pull)
     twice = scaled(factor, cross(omega, once))
     even, odd = added(pull, twice), scaled(0.5, once)
@@ -257,11 +258,11 @@ def _quarter_tangent(omega: Parts) -> Parts:
     return scaled(sine / (1 + cosine), omega)
 
 
-def _inverse_jacobian_factor(x: Array) -> Array:
-    far = x > series_switch(x.dtype)
+def _bend_factor(omega: Parts) -> Array:
+    """k of M(ω) = I + ½[ω]× + k[ω]×²."""
+    x = dot(omega, omega)
     cosine, sine = _half_angle(x)
-    near = 1 / 12 + x * (1 / 720 + x / 30240)
-    return jnp.where(far, (1 - cosine / (2 * sine)) / jnp.where(far, x, 1), near)
+    return inverse_jacobian_factor(x, cosine / (2 * sine))
 
 
 def turned(r: Rotations, v: Parts, gains: Array | None = None) -> Rotations:
@@ -359,9 +360,7 @@ def _bent(v: Parts, gains: Array | None, sign: int) -> Callable[[Parts], tuple[P
 
     a, b = fenced(factors, v, gains)
     v = v if gains is None else scaled(gains, v)
-    x = dot(v, v)
-    far = x > series_switch(x.dtype)
-    k = jnp.where(far, (1 - a) / jnp.where(far, x, 1), 1 / 6 - x * (1 / 120 - x / 5040))
+    k = jacobian_factor(dot(v, v), a)
 
     def bent(y: Parts) -> tuple[Parts, Parts]:
         once = cross(v, y)

@@ -41,8 +41,8 @@ from jaxmotion.multiresolution.kernels import (
     turned_by,
 )
 from jaxmotion.multiresolution.masks import divided_difference
-from jaxmotion.multiresolution.parts import Parts, added, neighbours, scaled, subtracted
 from jaxmotion.multiresolution.rows import Ends, every_second, window_sums
+from jaxmotion.quaternion.parts import Parts, added, neighbours, scaled, subtracted
 
 
 class Level(NamedTuple):

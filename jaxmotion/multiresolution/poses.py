@@ -13,16 +13,17 @@ from jaxmotion.displacement import Displacement
 from jaxmotion.frames.count import step_mask
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.kernels import Rotations, quaternions_of, rotations_of, step, turned
-from jaxmotion.multiresolution.parts import (
+from jaxmotion.quaternion.parts import (
     Parts,
     added,
     conjugate,
     parts_of,
+    rotated,
+    running_signs,
     scaled,
     subtracted,
     together,
 )
-from jaxmotion.quaternion.algebra import rotated, running_signs
 
 Times: TypeAlias = Float[AnyArray, " time"]
 Poses: TypeAlias = tuple[Parts, Rotations]

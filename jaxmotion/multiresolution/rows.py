@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxmotion.multiresolution.linear import linear
-from jaxmotion.multiresolution.parts import Parts
+from jaxmotion.quaternion.parts import Parts
 
 _slice = partial(jax.lax.dynamic_slice_in_dim, axis=0)
 _update = partial(jax.lax.dynamic_update_slice_in_dim, axis=0)

@@ -38,6 +38,7 @@ from jaxmotion.multiresolution.cascade import level_sizes
 from jaxmotion.multiresolution.operations import with_moving_joints
 from jaxmotion.multiresolution.poses import check_single
 from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid
+from jaxmotion.quaternion.arcs import twist
 
 _HALF_TRANSITION = 0.5  # seconds
 _BESIDE = 0.25  # seconds about a cut that are looked at
@@ -160,12 +161,12 @@ def _follow(first: Motion, second: Motion) -> Motion:
     end, start = first.rotations[-1, 0], second.rotations[0, 0]
     apart = quaternion.multiply(end, quaternion.conjugate(start))
     axis = jnp.asarray(up, apart.dtype)
-    twist = quaternion.normalize(jnp.concatenate([apart[:1], jnp.sum(apart[1:] * axis) * axis]))
+    heading = twist(apart, axis)
     p = jnp.asarray(second.translations)
     origin = p[0, 0]
     target = jnp.asarray(first.translations)[-1, 0] * (1 - axis) + origin * axis
-    root = quaternion.rotate(twist, p[:, 0] - origin) + target
-    turned = quaternion.multiply(twist, second.rotations[:, 0])
+    root = quaternion.rotate(heading, p[:, 0] - origin) + target
+    turned = quaternion.multiply(heading, second.rotations[:, 0])
     return second.with_transforms(
         p.at[:, 0].set(root), jnp.asarray(second.rotations).at[:, 0].set(turned)
     )

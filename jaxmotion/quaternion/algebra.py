@@ -3,19 +3,15 @@
 A quaternion is q = (w, x, y, z), Hamilton's product, acting on vectors by q v q⁻¹. All functions
 broadcast over leading axes and cost O(n).
 
-Layout: the arithmetic is written on components, and the result is stacked on the front and moved to
-the back. XLA turns the move into index arithmetic, so every component is a long vector; stacking
-on a last axis of four is up to ten times slower on a CPU.
+The arithmetic is that of :mod:`~jaxmotion.quaternion.parts`, by component.
 """
 
-from collections.abc import Sequence
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import AnyArray, Quaternion, Vector3
+from jaxmotion.quaternion.parts import product, rotated, running_signs, together
 
 
 def components(a: Float[AnyArray, "... n"], size: int, name: str) -> tuple[Array, ...]:
@@ -42,36 +38,19 @@ def leading_axis(axis: int, shape: tuple[int, ...], caller: str) -> int:
     return axis % len(shape)
 
 
-def assemble(*parts: Float[Array, "..."]) -> Float[Array, "... n"]:
-    """The inverse of :func:`components`: parts of one shape become the last axis."""
-    return jnp.moveaxis(jnp.stack(jnp.broadcast_arrays(*parts)), 0, -1)
-
-
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """Hamilton product a ⊗ b: the rotation b followed by a (in fixed axes).
 
     **Arguments:** ``a``, ``b``: (..., 4), broadcast against each other; need not be unit.
     **Returns:** (..., 4).
     """
-    return assemble(*product(components(a, 4, "a"), components(b, 4, "b")))
-
-
-def product(a: Sequence[Array], b: Sequence[Array]) -> tuple[Array, ...]:
-    """:func:`multiply` on components, for callers whose arrays keep them on another axis."""
-    w, x, y, z = a
-    W, X, Y, Z = b
-    return (
-        w * W - x * X - y * Y - z * Z,
-        w * X + x * W + y * Z - z * Y,
-        w * Y - x * Z + y * W + z * X,
-        w * Z + x * Y - y * X + z * W,
-    )
+    return together(product(components(a, 4, "a"), components(b, 4, "b")))
 
 
 def conjugate(q: Quaternion) -> Quaternion:
     """(w, −x, −y, −z): the inverse rotation of a unit quaternion. (..., 4) → (..., 4)."""
     w, x, y, z = components(q, 4, "q")
-    return assemble(w, -x, -y, -z)
+    return together((w, -x, -y, -z))
 
 
 def inverse(q: Quaternion) -> Quaternion:
@@ -93,16 +72,6 @@ def normalize(q: Quaternion) -> Quaternion:
     return jnp.where(zero, identity(dtype=q.dtype), unit)
 
 
-def normalized(q: Sequence[Array]) -> tuple[Array, ...]:
-    """:func:`normalize` on components, for callers whose arrays keep them on another axis and who
-    have a derivative of their own."""
-    w, x, y, z = q
-    squared = w * w + x * x + y * y + z * z
-    zero = squared == 0
-    scale = jax.lax.rsqrt(jnp.where(zero, 1, squared))
-    return jnp.where(zero, 1, scale * w), scale * x, scale * y, scale * z
-
-
 def identity(shape: tuple[int, ...] = (), dtype=None) -> Quaternion:
     """The identity rotation (1, 0, 0, 0), repeated over ``shape``: ``shape + (4,)``."""
     return jnp.broadcast_to(jnp.array([1.0, 0.0, 0.0, 0.0], dtype=dtype), (*shape, 4))
@@ -114,15 +83,7 @@ def rotate(q: Quaternion, v: Vector3) -> Vector3:
     **Arguments:** ``q``: (..., 4), unit; ``v``: (..., 3), broadcast against q.
     **Returns:** (..., 3), in v's unit.
     """
-    return assemble(*rotated(components(q, 4, "q"), components(v, 3, "v")))
-
-
-def rotated(q: Sequence[Array], v: Sequence[Array]) -> tuple[Array, ...]:
-    """:func:`rotate` on components, for callers whose arrays keep them on another axis."""
-    w, x, y, z = q
-    a, b, c = v
-    d, e, f = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
-    return (a + w * d + y * f - z * e, b + w * e + z * d - x * f, c + w * f + x * e - y * d)
+    return together(rotated(components(q, 4, "q"), components(v, 3, "v")))
 
 
 def between(a: Quaternion, b: Quaternion) -> Quaternion:
@@ -161,10 +122,3 @@ def align_signs(q: Quaternion, axis: int = 0) -> Quaternion:
     axis = leading_axis(axis, q.shape, "align_signs")
     signs = running_signs(components(jnp.moveaxis(q, axis, 0), 4, "q"))
     return q * jnp.moveaxis(signs[..., None], 0, axis)
-
-
-def running_signs(q: Sequence[Array]) -> Array:
-    """What :func:`align_signs` multiplies each sample of axis 0 by, from components."""
-    dots = sum((c[1:] * c[:-1] for c in q[1:]), start=q[0][1:] * q[0][:-1])
-    flips = jnp.where(dots < 0, -1.0, 1.0).astype(dots.dtype)
-    return jnp.cumprod(jnp.concatenate([jnp.ones_like(q[0][:1]), flips]), axis=0)

@@ -22,16 +22,17 @@ from jaxtyping import Array, Float
 
 from jaxmotion._numerics import safe_arctan2, safe_norm, safe_sqrt
 from jaxmotion._types import Angles, Matrix3, Quaternion, Rotation6d
-from jaxmotion.quaternion.algebra import assemble, components, multiply
+from jaxmotion.quaternion.algebra import components, multiply
+from jaxmotion.quaternion.parts import together
 
 
 def to_matrix(q: Quaternion) -> Matrix3:
     """Rotation matrix of a unit quaternion. (..., 4) → (..., 3, 3)."""
     w, x, y, z = components(q, 4, "q")
     rows = (
-        assemble(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
-        assemble(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
-        assemble(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        together((1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y))),
+        together((2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x))),
+        together((2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))),
     )
     return jnp.stack(rows, axis=-2)
 
@@ -108,7 +109,7 @@ def to_euler(q: Quaternion, order: str = "ZXY", *, unwrap: bool = False) -> Angl
     if not extrinsic:
         i, k = k, i
     *angles, lock = _extrinsic_angles(components(q, 4, "q"), i, j, k)
-    angles = assemble(*(angles if extrinsic else reversed(angles)))
+    angles = together(angles if extrinsic else angles[::-1])
     return _nearest_to_previous(angles, lock, proper=i == k) if unwrap else angles
 
 
@@ -128,7 +129,7 @@ def _about(axis: int, angle: Float[Array, "..."]) -> Quaternion:
     zero = jnp.zeros_like(angle)
     parts = [jnp.cos(0.5 * angle), zero, zero, zero]
     parts[axis + 1] = jnp.sin(0.5 * angle)
-    return assemble(*parts)
+    return together(parts)
 
 
 def _extrinsic_angles(q: tuple[Array, ...], i: int, j: int, k: int):

@@ -22,7 +22,8 @@ from jaxmotion._numerics import (
     sin_half_over,
 )
 from jaxmotion._types import ArrayLike, Quaternion, Vector3
-from jaxmotion.quaternion.algebra import assemble, components, half_angle_between
+from jaxmotion.quaternion.algebra import components, half_angle_between
+from jaxmotion.quaternion.parts import together
 
 
 def exp(v: Vector3) -> Quaternion:
@@ -30,7 +31,7 @@ def exp(v: Vector3) -> Quaternion:
     x, y, z = components(v, 3, "v")
     squared = x * x + y * y + z * z
     s = sin_half_over(squared)
-    return assemble(cos_half(squared), s * x, s * y, s * z)
+    return together((cos_half(squared), s * x, s * y, s * z))
 
 
 def log(q: Quaternion) -> Vector3:
@@ -42,7 +43,7 @@ def log(q: Quaternion) -> Vector3:
     w, x, y, z = components(q, 4, "q")
     sign = jnp.where(w < 0, -1.0, 1.0).astype(w.dtype)
     factor = sign * angle_over_sine(x * x + y * y + z * z, sign * w)
-    return assemble(factor * x, factor * y, factor * z)
+    return together((factor * x, factor * y, factor * z))
 
 
 def exp_half(v: Vector3) -> Quaternion:

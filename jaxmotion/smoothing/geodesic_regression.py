@@ -50,10 +50,15 @@ from jaxmotion.linalg.block_banded import (
     block_banded_substitute,
 )
 from jaxmotion.linalg.least_squares import GaussNewton, probe_blocks
+from jaxmotion.quaternion.tangent import (
+    component_first,
+    inverse_jacobian,
+    on_blocks,
+    relative,
+)
 from jaxmotion.smoothing.design import Observations, observe
 from jaxmotion.smoothing.outliers import BEND
 from jaxmotion.smoothing.rotations import smooth_quaternions
-from jaxmotion.smoothing.tangent import component_first, inverse_jacobian, relative
 
 _MAX_STEPS = 256
 
@@ -147,7 +152,7 @@ def _torque(turn: Array, problem: _Problem) -> Array:
     pull = problem.robust(misfit)[0] * misfit
     torque = jnp.zeros_like(turn)
     for number, (log, share) in enumerate(shared):
-        at_frame = -inverse_jacobian(log, pull if share is None else share * pull)
+        at_frame = -on_blocks(inverse_jacobian, log, pull if share is None else share * pull)
         if problem.seen.frame is None:
             torque = torque + at_frame
         else:
@@ -155,8 +160,8 @@ def _torque(turn: Array, problem: _Problem) -> Array:
     velocity = problem.velocity(turn)
     bend, rows = jax.vjp(problem.bend, velocity)
     (push,) = rows(bend)
-    torque = torque.at[1:].add(inverse_jacobian(velocity, push, transpose=True))
-    return torque.at[:-1].add(-inverse_jacobian(velocity, push))
+    torque = torque.at[1:].add(on_blocks(inverse_jacobian, velocity, push, transpose=True))
+    return torque.at[:-1].add(-on_blocks(inverse_jacobian, velocity, push))
 
 
 class GeodesicPosterior(Portable):

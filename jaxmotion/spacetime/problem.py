@@ -23,6 +23,8 @@ from jaxtyping import Array, Float
 from jaxmotion import quaternion
 from jaxmotion.kinematics import WorldPose, forward_kinematics
 from jaxmotion.motion import Motion
+from jaxmotion.quaternion.parts import parts_of, together
+from jaxmotion.quaternion.tangent import jacobian
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.spacetime.joint_limits import JointLimits
 from jaxmotion.spacetime.prior import Prior
@@ -167,9 +169,11 @@ class Problem(eqx.Module):
 
 
 def _spin(turns: Float[Array, "time joint 3"]) -> Float[Array, "time joint 3 3"]:
-    """J(delta) e_i: body rates of exp(delta) as each component changes."""
-    back = quaternion.conjugate(quaternion.exp(turns))[..., None, :]
-    return 2 * quaternion.multiply(back, _by_component(quaternion.exp, turns))[..., 1:]
+    """Jr(delta) e_i: body rates of exp(delta) as each component changes."""
+    v = parts_of(turns)
+    one, none = jnp.ones_like(v[0]), jnp.zeros_like(v[0])
+    units = ((one, none, none), (none, one, none), (none, none, one))
+    return jnp.stack([together(jacobian(v, unit)) for unit in units], axis=2)
 
 
 def _by_component(function, x: Float[Array, "time joint 3"]) -> Array:

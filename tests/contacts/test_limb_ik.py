@@ -8,7 +8,6 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from jaxmotion.contacts import limb_ik
-from jaxmotion.contacts.limb_ik import shortest_arc
 from jaxmotion.quaternion import rotate
 from tests.helpers import (
     assert_finite_derivatives,
@@ -171,17 +170,6 @@ def test_a_limb_that_is_straight_but_for_rounding_takes_no_axis_from_it(hinge):
         lambda *points: limb_ik(*points, hinge=hinge), root, middle, end, np.array([0.2, 0.2, 0.5])
     )
     assert max(np.abs(x).max() for x in jax.tree.leaves(jacobian)) < 20
-
-
-def test_shortest_arc():
-    rng = np.random.default_rng(5)
-    a, b = random_vectors(rng, (50,)), random_vectors(rng, (50,))
-    unit = b / norm(b)[:, None]
-    turned = rotate(shortest_arc(a, b), a / norm(a)[:, None])
-    np.testing.assert_allclose(turned, unit, atol=1e-12)
-    np.testing.assert_allclose(rotate(shortest_arc(a, -a), a), -a, atol=1e-12)
-    np.testing.assert_array_equal(shortest_arc(a, 0 * a), np.tile([1.0, 0, 0, 0], (50, 1)))
-    assert_finite_derivatives(shortest_arc, np.array([1.0, 2, 3]), np.array([-1.0, -2, -3]))
 
 
 def test_points_need_three_components():

@@ -17,7 +17,7 @@ from jaxmotion.multiresolution.kernels import (
     turned,
     turned_by,
 )
-from jaxmotion.multiresolution.parts import parts_of, together
+from jaxmotion.quaternion.parts import parts_of, together
 from tests.helpers import (
     assert_finite_derivatives,
     assert_trees_close,

@@ -7,7 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxmotion import quaternion
-from jaxmotion.smoothing.tangent import component_first, inverse_jacobian, relative
+from jaxmotion.quaternion.parts import parts_of, together
+from jaxmotion.quaternion.tangent import (
+    component_first,
+    inverse_jacobian,
+    jacobian,
+    on_blocks,
+    relative,
+)
 
 RNG = np.random.default_rng(0)
 SIZES = np.array([0.0, 1e-9, 1e-4, 0.003, 0.1, 1.0, 2.5, 3.1])[:, None, None]
@@ -74,7 +81,22 @@ def test_inverse_jacobian_is_the_derivative_of_log():
 
     turn = jnp.moveaxis(v, 1, -1)
     numeric = (log(1e-5) - log(-1e-5)) / 2e-5
-    np.testing.assert_allclose(inverse_jacobian(w, v), numeric, atol=1e-8)
+    np.testing.assert_allclose(on_blocks(inverse_jacobian, w, v), numeric, atol=1e-8)
     u = vectors(1.0)
-    one = jnp.vdot(u, inverse_jacobian(w, v))
-    np.testing.assert_allclose(jnp.vdot(inverse_jacobian(w, u, transpose=True), v), one)
+    one = jnp.vdot(u, on_blocks(inverse_jacobian, w, v))
+    np.testing.assert_allclose(jnp.vdot(on_blocks(inverse_jacobian, w, u, transpose=True), v), one)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9, 1e-4, 0.1, 2.5, 3.1, 7.0])
+def test_jacobian_is_the_derivative_of_exp(size):
+    """exp(v)^-1 exp(v + dv) = exp(Jr(v) dv), by SciPy."""
+    v, dv = RNG.standard_normal((2, 6, 3))
+    v *= size / np.linalg.norm(v, axis=-1, keepdims=True)
+    step, start = 1e-6, Rotation.from_rotvec(v)
+    ahead, behind = (Rotation.from_rotvec(v + h * dv) for h in (step, -step))
+    numeric = ((start.inv() * ahead).as_rotvec() - (start.inv() * behind).as_rotvec()) / (2 * step)
+    found = together(jacobian(parts_of(v), parts_of(dv)))
+    np.testing.assert_allclose(found, numeric, atol=1e-8)
+    if size < 6:
+        back = together(inverse_jacobian(parts_of(v), parts_of(found)))
+        np.testing.assert_allclose(back, dv, atol=1e-9)
