@@ -413,10 +413,10 @@ RECIPES = {
         cases=dict.fromkeys(("identity", "still", "constant"), TIES),
     ),
     "spacetime.restore": recipe(
-        lambda f, c: f(c.motion, c.contacts), planted, ITERATED, coarse=1e5
+        lambda f, c: f(c.motion, c.contacts), planted, ITERATED, OUT_OF_REACH, coarse=1e5
     ),
     "spacetime.satisfy": recipe(
-        lambda f, c: f(c.motion, c.contacts), planted, ITERATED, coarse=1e5
+        lambda f, c: f(c.motion, c.contacts), planted, ITERATED, OUT_OF_REACH, coarse=1e5
     ),
     "spacetime.satisfy[hierarchical]": recipe(
         lambda f, c: f(c.motion, c.contacts, method="hierarchical"), planted, ITERATED, coarse=1e5
