@@ -5,6 +5,7 @@ only the pairs in ``SIDEWAYS`` may meet. A new room is given a floor here first.
 """
 
 import ast
+import graphlib
 import importlib
 import pkgutil
 import re
@@ -94,6 +95,20 @@ def test_imports_point_down():
             if not (below or there == here or there in SIDEWAYS.get(here, ())):
                 wrong.append(f"{_name(path)}:{line}: {here} imports {there}")
     assert not wrong, "\n".join(wrong)
+
+
+def test_imports_have_no_cycle():
+    """Between modules, those inside of functions too; a room's own ``__init__`` only gathers it."""
+    modules = {path.relative_to(PACKAGE.parent).with_suffix("").parts: path for path in FILES}
+    graph = {}
+    for module, path in modules.items():
+        wanted = {tuple(name) for _, name in _imports(path)}
+        wanted |= {name[:-1] for name in wanted}
+        graph[module] = {name for name in wanted if name in modules}
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        pytest.fail(" -> ".join(".".join(module) for module in error.args[1]))
 
 
 def test_what_holds_file_facts_is_compiled_with_them():

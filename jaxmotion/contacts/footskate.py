@@ -41,7 +41,7 @@ from jaxmotion.motion import Motion
 from jaxmotion.quaternion import conjugate, exp, log, multiply, rotate
 from jaxmotion.quaternion.arcs import shortest_arc
 from jaxmotion.skeleton import Skeleton
-from jaxmotion.smoothing import lgs
+from jaxmotion.smoothing.low_pass import low_pass
 
 _REACH = 0.995  # of full length, or what the clip itself uses if that is more
 _CYCLES, _ROUNDS = 24, 6
@@ -177,8 +177,6 @@ def _root_shift(motion, pose, joints, wanted, planted, most, reach_of_fade, coun
     full = most * (safe_norm(knee - hip) + safe_norm(ankle - knee))
     usual = jnp.clip(safe_norm(ankle - hip), _REACH * full, full)
     anywhere = planted.any(-1)[:, None]
-    weights = counts.astype(motion.dtype)
-    sine = jnp.sin(jnp.pi * jnp.minimum(_CUTOFF * motion.frame_time, 0.5))
 
     def add(shift, last):
         reach = jnp.where(last, full, usual)
@@ -186,7 +184,7 @@ def _root_shift(motion, pose, joints, wanted, planted, most, reach_of_fade, coun
         if motion.num_frames < 3:
             return shift + more, None
         wide = spread(more[:, None], anywhere, reach_of_fade)[:, 0]
-        smooth = lgs(wide, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
+        smooth = low_pass(wide, _CUTOFF, motion.frame_time, counts)
         return shift + jnp.where(last, more, smooth), None
 
     rounds = np.arange(_ROUNDS + 1) == _ROUNDS

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion._numerics import safe_norm
-from jaxmotion.smoothing import lgs
+from jaxmotion.smoothing.low_pass import low_pass
 
 _CUTOFF = 8.0  # hertz
 _SPEED, _OF_FASTEST, _FAST = 0.5, 0.1, 0.95
@@ -72,11 +72,7 @@ def smooth(
     frame_time: Float[Array, ""],
 ) -> Float[Array, "time point 3"]:
     """Positions without what is faster than 8 Hz."""
-    if positions.shape[0] < 3 or positions.shape[1] == 0:
-        return positions
-    sine = jnp.sin(jnp.pi * jnp.minimum(_CUTOFF * frame_time, 0.5))
-    weights = counts.astype(positions.dtype)
-    return lgs(positions, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
+    return low_pass(positions, _CUTOFF, frame_time, counts)
 
 
 def levels(

@@ -21,7 +21,7 @@ from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, or
 from jaxmotion.frames.count import frame_mask
 from jaxmotion.frames.runs import spread
 from jaxmotion.motion import Motion
-from jaxmotion.smoothing import lgs
+from jaxmotion.smoothing.low_pass import low_pass
 
 _CUTOFF = 6.0
 
@@ -72,11 +72,8 @@ def _cleanup(motion: Motion, contacts: Contacts, floor, count) -> Motion:
     anywhere = planted.any(1, keepdims=True)
     whole = jnp.asarray(motion.num_frames, kind)
     shift = shift.at[:, up].set(spread(low[..., None], anywhere, whole)[:, 0, 0])
-    if motion.num_frames > 2:
-        sine = jnp.sin(jnp.pi * jnp.minimum(_CUTOFF * motion.frame_time, 0.5))
-        weights = counts.astype(kind)
-        smooth = lgs(shift, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
-        shift = jnp.where(jnp.any(shift != 0), smooth, 0)
+    smooth = low_pass(shift, _CUTOFF, motion.frame_time, counts)
+    shift = jnp.where(jnp.any(shift != 0), smooth, 0)
     if floor is not None:
         lowest = jnp.min(points[..., up], axis=1) + shift[:, up]
         shift = shift.at[:, up].add(jnp.maximum(floor - lowest, 0))

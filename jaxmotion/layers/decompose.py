@@ -35,7 +35,8 @@ from jaxmotion.displacement import Displacement, minus
 from jaxmotion.frames.count import counted_weights
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing import MotionTuning, lgs, smooth_motion, tune
-from jaxmotion.smoothing.rotations import from_components, geodesic_limit, to_components
+from jaxmotion.smoothing.components import from_components, to_components
+from jaxmotion.smoothing.rotations import geodesic_limit
 from jaxmotion.smoothing.tuning import Criterion
 
 _RATIO = np.sqrt(2.0)

@@ -11,7 +11,7 @@ Shapes: data ``(Nd, *channels)``, frames ``(Nf, *channels)``, weights ``(Nd, *k)
 ``k`` equal to that channel axis or 1. Everything is O(Nd + Nf).
 """
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -24,6 +24,16 @@ from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg.chain_covariance import Knowledge
 from jaxmotion.linalg.difference_chain import over
+
+
+class Design(NamedTuple):
+    """Which frames a smoother is to find and by which prior, as :func:`jaxmotion.smoothing.lgs`
+    takes it; ``index`` None for a datum a frame."""
+
+    index: ArrayLike | None = None
+    num_frames: int | None = None
+    order: Literal[1, 2] = 2
+    scale: Literal["half", "unit"] = "half"
 
 
 class Readings(NamedTuple):

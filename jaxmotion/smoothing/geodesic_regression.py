@@ -56,9 +56,9 @@ from jaxmotion.quaternion.tangent import (
     on_blocks,
     relative,
 )
-from jaxmotion.smoothing.design import Observations, observe
-from jaxmotion.smoothing.outliers import BEND
-from jaxmotion.smoothing.rotations import smooth_quaternions
+from jaxmotion.smoothing.chordal import chordal
+from jaxmotion.smoothing.design import Design, Observations, observe
+from jaxmotion.smoothing.losses import BEND, slack, slope
 
 _MAX_STEPS = 256
 
@@ -73,7 +73,7 @@ class _Problem(eqx.Module):
     sigma: Float[Array, "#joints"]
     seen: Observations
     order: int = eqx.field(static=True)
-    loss: str = eqx.field(static=True)
+    loss: Literal["l2", "huber", "cauchy"] = eqx.field(static=True)
 
     @property
     def still(self) -> Float[Array, "frames 3 joints"]:
@@ -116,18 +116,8 @@ class _Problem(eqx.Module):
         """w rho'(u), the weight of each squared misfit, and sigma^2 (rho(u) - u rho'(u)) >= 0."""
         weights = jnp.ones((1, 1), misfit.dtype) if self.weights is None else self.weights
         u = weights * jnp.sum(misfit**2, axis=1) / self.sigma**2
-        if self.loss == "l2":
-            return weights[:, None], jnp.zeros_like(u)
-        k = BEND[self.loss]
-        if self.loss == "huber":
-            inside = u <= k * k
-            root = jnp.sqrt(jnp.where(inside, 1.0, u))
-            slope = jnp.where(inside, 1.0, k / root)
-            slack = jnp.where(inside, 0.0, k * root - k * k)
-        else:
-            slope = 1 / (1 + u / (k * k))
-            slack = k * k * jnp.log1p(u / (k * k)) - u * slope
-        return (weights * slope)[:, None], self.sigma**2 * slack
+        weight = weights if self.loss == "l2" else weights * slope(u, self.loss)
+        return weight[:, None], self.sigma**2 * slack(u, self.loss)
 
 
 def _total(shared: list[tuple[Array, Array | None]]) -> Array:
@@ -272,16 +262,8 @@ def geodesic(
     message = "geodesic: q holds NaN or quaternions that are not unit"
     q = raise_faults(q, [*faults, (odd, message)])
     q = quaternion.normalize(jnp.where(jnp.broadcast_to(present, unit.shape)[..., None], q, 1.0))
-    start = smooth_quaternions(
-        q,
-        lam,
-        sigma,
-        order=order,
-        index=index,
-        num_frames=num_frames,
-        weights=weights,
-        scale=scale,
-    )
+    trusted = None if weights is None else jnp.asarray(weights, q.dtype)
+    start = chordal(q, lam, sigma, Design(index, num_frames, order, scale), weights=trusted)
     lam, sigma = (jnp.asarray(value, q.dtype) for value in (lam, sigma))
     half = 0.5 if scale == "half" else 1.0
     stiffness = half * lam * sigma if order == 2 else jnp.sqrt(lam) * sigma

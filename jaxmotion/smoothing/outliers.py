@@ -3,8 +3,7 @@
 Iteratively reweighted least squares: the smoother is learned and run, and every sample weighed by
 how far it lies from what its neighbours say,
 
-    w = ρ'(u)/u,   u = ‖y − ŷ‖ / (s √(1 − h))      huber  min(1, k/u), k = 1.345
-                                                    cauchy 1/(1 + (u/k)²), k = 2.385
+    w = ρ'(u²),   u = ‖y − ŷ‖ / (s √(1 − h))        ρ: huber or cauchy, smoothing/losses.py
 
     ŷ  the smoother's mean         h  leverage of the sample: how much of ŷ is y itself
     s  robust scale of a group: the median of ‖y − ŷ‖/√(1 − h) over that of a normal vector's
@@ -18,11 +17,9 @@ spikes neither widen σ nor hold λ down. Samples of weight under 0.1 (about sev
 their neighbours, so that a spike's sign decides no other sample's. Four rounds, O(T·J) each, one
 compiled loop. No gradient passes through the weights. Of one sample more than the prior's order
 (three, for order 2) none can be told to be the wrong one: all are trusted.
-
-Holland & Welsch 1977 (the constants: 95 % efficient for normal noise).
 """
 
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import equinox as eqx
 import jax
@@ -34,16 +31,13 @@ from jaxmotion import quaternion
 from jaxmotion._checks import one_of
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
+from jaxmotion.smoothing.components import to_components
 from jaxmotion.smoothing.lgs import lgs
-from jaxmotion.smoothing.rotations import to_components
+from jaxmotion.smoothing.losses import BEND, Loss, slope
 from jaxmotion.smoothing.tuning import tune_signal
-
-Loss: TypeAlias = Literal["huber", "cauchy"]
 
 _ROUNDS = 4
 _LEAST = 0.1
-# Where each loss bends, in standard deviations.
-BEND = {"huber": 1.345, "cauchy": 2.385}
 # Median length of a standard normal vector of 1, 2 and 3 components; unit quaternions move in 3.
 _MEDIAN_LENGTH = (0.6745, 1.1774, 1.5382)
 _AWAY = 3.0
@@ -125,7 +119,7 @@ def _trust(
     weights: Array,
     loss: Loss,
 ) -> Array:
-    """ρ'(u)/u of every sample, 0 where it is small."""
+    """ρ'(u²) of every sample, 0 where it is small."""
     eps, tiny = float(jnp.finfo(y.dtype).eps), float(jnp.finfo(y.dtype).tiny)
     there = given[..., None] > 0
     rounding = 8 * eps * jnp.sqrt(jnp.max(jnp.where(there, y * y, 0), axis=(0, 2))) + tiny
@@ -138,8 +132,8 @@ def _trust(
     usual = jnp.maximum(jnp.nanmedian(used, axis=0), jnp.nan_to_num(_median_around(used)))
     usual = usual / _MEDIAN_LENGTH[min(y.shape[-1], 3) - 1]
     scale = jnp.maximum(usual, _STEPS * jnp.nan_to_num(_median_around(step)))
-    u = distance / (BEND[loss] * jnp.maximum(scale, rounding))
-    trust = 1 / (1 + u * u) if loss == "cauchy" else 1 / jnp.maximum(u, 1)
+    u = distance / jnp.maximum(scale, rounding)
+    trust = slope(u * u, loss)
     return jnp.where(trust < _LEAST, 0, trust)
 
 

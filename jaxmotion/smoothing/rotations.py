@@ -19,17 +19,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxmotion import quaternion
 from jaxmotion._checks import one_of
-from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
-from jaxmotion.frames.runs import held
 from jaxmotion.motion import Motion
-from jaxmotion.smoothing.lgs import lgs
-from jaxmotion.smoothing.windowed import windowed_lgs
+from jaxmotion.smoothing.chordal import chordal, linear_mean
+from jaxmotion.smoothing.components import Signs, from_components, to_components
+from jaxmotion.smoothing.design import Design
 
 Method: TypeAlias = Literal["chordal", "rotvec", "geodesic"]
-Signs: TypeAlias = Literal["nearest", "input", "min_energy"]
 
 
 def smooth_quaternions(
@@ -66,29 +63,29 @@ def smooth_quaternions(
     if q.ndim < 2 or q.shape[-1] != 4:
         raise ValueError(f"smooth_quaternions: q must have shape (T, ..., 4), got {q.shape}")
     weights = None if weights is None else jnp.asarray(weights, q.dtype)
-    design = {"index": index, "num_frames": num_frames, "order": order, "scale": scale}
+    design = Design(index, num_frames, order, scale)
     if method == "geodesic":
-        from jaxmotion.smoothing.geodesic_regression import geodesic  # optimistix imports slowly
+        return _geodesic(q, lam, sigma, design, weights)
+    firm = None if stiffness is None else jnp.asarray(stiffness, q.dtype)
+    options = {"method": method, "signs": signs, "window": window}
+    return chordal(q, lam, sigma, design, weights=weights, stiffness=firm, **options)
 
-        joints = q.reshape(q.shape[0], -1, 4)
-        if weights is not None and weights.ndim > 1:
-            weights = jnp.broadcast_to(weights, q.shape[:-1]).reshape(joints.shape[:-1])
-        gains = (
-            p if np.ndim(p) == 0 else jnp.broadcast_to(jnp.asarray(p), q.shape[1:-1]).ravel()
-            for p in (lam, sigma)
-        )
-        x = geodesic(joints, *gains, weights=weights, **design).mean
-        return x.reshape(x.shape[0], *q.shape[1:])
-    x = _mean(
-        to_components(q, weights, index, method, signs),
-        _on_components(lam),
-        _on_components(sigma),
-        window,
-        weights=None if weights is None else _squeezed(_per_component(weights, q)),
-        stiffness=None if stiffness is None else _per_component(jnp.asarray(stiffness, q.dtype), q),
-        **design,
+
+def _geodesic(
+    q: Quaternion, lam: ScalarLike, sigma: ScalarLike, design: Design, weights: Array | None
+) -> Quaternion:
+    """The exact smoother, for rotations of any middle axes."""
+    from jaxmotion.smoothing.geodesic_regression import geodesic  # optimistix imports slowly
+
+    joints = q.reshape(q.shape[0], -1, 4)
+    if weights is not None and weights.ndim > 1:
+        weights = jnp.broadcast_to(weights, q.shape[:-1]).reshape(joints.shape[:-1])
+    gains = (
+        p if np.ndim(p) == 0 else jnp.broadcast_to(jnp.asarray(p), q.shape[1:-1]).ravel()
+        for p in (lam, sigma)
     )
-    return from_components(x, method)
+    x = geodesic(joints, *gains, weights=weights, **design._asdict()).mean
+    return x.reshape(x.shape[0], *q.shape[1:])
 
 
 def smooth_motion(
@@ -128,7 +125,7 @@ def smooth_motion(
     weights, stiffness = (
         None if x is None else jnp.asarray(x, motion.dtype) for x in (weights, stiffness)
     )
-    design = {"index": index, "num_frames": num_frames, "order": order, "scale": scale}
+    design = Design(index, num_frames, order, scale)
     moved = np.asarray(motion.translated_joints, int)
     y = motion.translations[:, moved]
 
@@ -142,19 +139,10 @@ def smooth_motion(
             _of_both(lam, moving_lam, turned, moved),
             _of_both(sigma, moving_sigma, turned, moved),
         )
-        return _mean(y, *gains, window, weights=of_y, stiffness=firm, **design)
+        return linear_mean(y, *gains, design, window, weights=of_y, stiffness=firm)
 
     if method == "geodesic":
-        rotations = smooth_quaternions(
-            motion.rotations,
-            lam,
-            sigma,
-            weights=weights,
-            method=method,
-            signs=signs,
-            window=window,
-            **design,
-        )
+        rotations = _geodesic(jnp.asarray(motion.rotations), lam, sigma, design, weights)
         y = solve(y, np.zeros(0, int)) if moved.size else y
     else:
         # One solve for both: translations are given a spare component, and stand as more joints.
@@ -193,82 +181,6 @@ def _check_options(
         raise ValueError("stiffness= is for method='chordal' or 'rotvec' without window=")
     if method == "geodesic" and (window is not None or signs == "min_energy"):
         raise ValueError("method='geodesic' takes no window= and no signs='min_energy'")
-
-
-def to_components(
-    q: Array,
-    weights: Array | None,
-    index: ArrayLike | None = None,
-    method: Method = "chordal",
-    signs: Signs = "nearest",
-) -> Array:
-    """What the linear smoother works on: quaternions with their signs settled, or their logs.
-    Samples of weight 0 take a neighbour's value."""
-    if weights is not None:
-        q = held(q, _per_component(weights, q) > 0)
-    if signs != "input":
-        q = _signed_in_time(q, index, signs)
-    return q if method == "chordal" else quaternion.log(q)
-
-
-def from_components(x: Array, method: Method = "chordal") -> Array:
-    """Back from smoothed components."""
-    if method == "rotvec":
-        return quaternion.exp(x)
-    cancelled = safe_norm(x, keepdims=True) < 1e-6
-    return quaternion.normalize(jnp.where(cancelled, 0, x))
-
-
-def _mean(
-    y: Array,
-    lam: ScalarLike,
-    sigma: ScalarLike,
-    window: int | None,
-    *,
-    index: ArrayLike | None,
-    num_frames: int | None,
-    stiffness: Array | None,
-    **options,
-) -> Array:
-    if window is None:
-        options |= {"index": index, "num_frames": num_frames, "stiffness": stiffness}
-        return lgs(y, lam, sigma, **options).mean
-    if index is not None or num_frames not in (None, y.shape[0]):
-        raise ValueError(
-            f"window={window}: windows do not resample; expected no index and num_frames None, "
-            f"got num_frames={num_frames}"
-        )
-    return windowed_lgs(y, lam, sigma, window=window, **options)
-
-
-def _per_component(weights: Array, q: Array) -> Array:
-    """Weights (Nd,) or (Nd, ...) with unit axes up to q's rank."""
-    return weights.reshape(weights.shape + (1,) * (q.ndim - weights.ndim))
-
-
-def _squeezed(weights: Array | None) -> Array | None:
-    """Weights shared by all channels as a vector, so that they are factored once."""
-    if weights is None or weights.size != weights.shape[0]:
-        return weights
-    return weights.reshape(-1)
-
-
-def _signed_in_time(q: Array, index: ArrayLike | None, signs: Signs) -> Array:
-    least = signs == "min_energy"
-    if index is None:
-        return quaternion.least_energy_signs(q) if least else quaternion.align_signs(q)
-    index = jnp.asarray(index)
-    in_time = jnp.argsort(index)
-    ordered, times = q[in_time], index[in_time].astype(q.dtype)
-    signed = (
-        quaternion.least_energy_signs(ordered, times) if least else quaternion.align_signs(ordered)
-    )
-    return signed[jnp.argsort(in_time)]
-
-
-def _on_components(parameter: ScalarLike) -> ScalarLike:
-    """A scalar as it is; per joint with a component axis."""
-    return parameter if np.ndim(parameter) == 0 else jnp.asarray(parameter)[..., None]
 
 
 def _of_both(

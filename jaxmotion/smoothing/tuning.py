@@ -34,8 +34,8 @@ from jaxmotion._checks import one_of
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
+from jaxmotion.smoothing.components import to_components
 from jaxmotion.smoothing.lgs import Posterior, lgs
-from jaxmotion.smoothing.rotations import to_components
 
 Criterion: TypeAlias = Literal["evidence", "gcv", "holdout"]
 Per: TypeAlias = Literal["clip", "joint", "channel"]

@@ -44,7 +44,7 @@ from jax import lax
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import require
+from jaxmotion._checks import known, require, traced
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.timing.antidiagonals import entering, in_strips, skew, unskew
 from jaxmotion.timing.frame_distance import Metric, counted_pair, last_frames, local_cost
@@ -112,7 +112,9 @@ def _compiled(function, x, y, gamma, cost, metric, x_length, y_length):
     clips, n, m = counted_pair("soft_dtw", x, y, cost, x_length, y_length)
     given = jnp.asarray(gamma)
     message = "soft_dtw: gamma must be a temperature above 0"
-    clips = require(clips, ~(given > 0), message, got=gamma)
+    # XLA takes numbers below the dtype's normal ones for 0; the value is that of dtw there.
+    bad = ~(given >= 0) if traced(gamma) else not known(gamma) > 0
+    clips = require(clips, bad, message, got=gamma)
     return _run(function, metric, *clips, n, m, given)
 
 

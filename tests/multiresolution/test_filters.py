@@ -114,7 +114,7 @@ def test_wrong_masks(clip):
     for mask, message in (
         (np.ones(4) / 4, r"mask has shape \(4,\)"),
         (np.ones((3, 5)) / 5, r"\(3, 5\)"),
-        (np.ones(3), "mask sums to 3"),
+        (np.ones(3), "mask must sum to 1, so that poses stay, got 3"),
     ):
         with no_shape_checks(), pytest.raises(ValueError, match=message):
             filter_motion(clip, mask)

@@ -47,7 +47,7 @@ def angular_velocity(motion):
 
 def test_names_are_all_the_clips():
     assert set(samples.names()) == set(CLIPS)
-    with pytest.raises(ValueError, match=r"moonwalk.*walk, run"):
+    with pytest.raises(ValueError, match=r"moonwalk.*'walk', 'run'"):
         samples.load("moonwalk")
 
 

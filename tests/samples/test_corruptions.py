@@ -229,8 +229,8 @@ def test_flipped_signs_are_the_same_rotations(walk, damaged):
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("add_noise", {"rotation": -0.1}, "rotation=-0.1"),
-        ("add_noise", {"translation": -1.0}, "translation=-1"),
+        ("add_noise", {"rotation": -0.1}, "rotation must be 0 or more, got -0.1"),
+        ("add_noise", {"translation": -1.0}, "translation must be 0 or more, got -1"),
         ("offset_joints", {"runs": 0}, "runs=0"),
         ("offset_joints", {"magnitude": (1.5, 0.5)}, "magnitude="),
         ("offset_joints", {"length": (0, 5)}, "length="),
@@ -241,9 +241,9 @@ def test_flipped_signs_are_the_same_rotations(walk, damaged):
         ("freeze_joints", {"length": (9, 3)}, "length="),
         ("swap_limbs", {"pairs": [(1, 2), (2, 3)]}, "twice"),
         ("swap_limbs", {"pairs": []}, "no joints called"),
-        ("drop_frames", {"rate": 1.5}, "rate=1.5"),
-        ("flip_signs", {"rate": -0.1}, "rate=-0.1"),
-        ("slide_root", {"amount": -1.0}, "amount=-1"),
+        ("drop_frames", {"rate": 1.5}, "rate must be a share from 0 to 1, got 1.5"),
+        ("flip_signs", {"rate": -0.1}, "rate must be a share from 0 to 1, got -0.1"),
+        ("slide_root", {"amount": -1.0}, "amount must be 0 or more, got -1"),
     ],
 )
 def test_bad_arguments(walk, name, options, message):

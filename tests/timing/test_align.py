@@ -153,7 +153,7 @@ def test_one_compilation_serves_a_bucket_of_lengths():
     ("options", "message"),
     [
         ({"method": "best"}, "method='best'; expected 'dtw' or 'warping'"),
-        ({"settle": -1.0}, "settle=-1.0; expected 0 or more"),
+        ({"settle": -1.0}, "settle must be 0 or more frames, got -1.0"),
         ({"step_pattern": "slope1"}, "leave no path"),
         ({"step_pattern": "best"}, "step_pattern='best'"),
     ],

@@ -350,17 +350,22 @@ def test_the_motion_is_untouched_and_the_spelling_of_a_kept_rate_stays(tmp_path:
         ({"num_frames": 0}, "num_frames=0; expected at least 1"),
         ({"fps": 24, "method": "best"}, "method='best'; expected 'lgs'"),
         ({"fps": 24, "signs": "any"}, "signs='any'; expected 'nearest'"),
-        ({"fps": 24, "smoothing": -1.0}, "expected λσ of 0 or more"),
+        ({"fps": 24, "smoothing": -1.0}, "smoothing must be λσ of 0 or more, got -1"),
         ({"fps": 24, "smoothing": np.ones(3)}, r"smoothing has shape \(3,\)"),
         ({"index": [0, 1, 2]}, r"index has shape \(3,\); expected \(5,\)"),
         ({"index": [0, 1, 1, 2, 3]}, "increase strictly"),
-        ({"index": jnp.arange(5.0)}, "num_frames is needed"),
     ],
 )
 def test_trouble_is_named(options, message):
     motion = clip(5, 30)
     with no_shape_checks(), pytest.raises(ValueError, match=message):
         resample(motion, **options)
+
+
+def test_a_traced_index_cannot_tell_the_number_of_frames():
+    motion = clip(5, 24)
+    with pytest.raises(ValueError, match="num_frames is needed when index is traced"):
+        jax.jit(lambda i: resample(motion, index=i).rotations)(jnp.arange(5.0))
 
 
 def test_a_traced_frame_time_cannot_tell_the_number_of_frames():

@@ -1,0 +1,29 @@
+"""A low-pass filter without phase: the LGS with half its gain at a frequency.
+
+    gain(f) = 1/(1 + λσ² (2 sin πfΔ)⁴)        λσ² = 1/(2 sin πcΔ)⁴        gain(c) = ½
+
+c: the cutoff in hertz, Δ the frame time; at most half the frame rate counts. O(T).
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jaxmotion._types import ScalarLike
+from jaxmotion.smoothing.lgs import lgs
+
+
+def low_pass(
+    x: Float[Array, "time *channels"],
+    hertz: float,
+    frame_time: ScalarLike,
+    counts: Bool[Array, " time"] | None = None,
+) -> Float[Array, "time *channels"]:
+    """``x`` without what is faster than ``hertz``; clips of under three frames as they are.
+
+    ``frame_time``: seconds; ``counts``: which frames are known, all by default.
+    """
+    if x.shape[0] < 3 or x.size == 0:
+        return x
+    sine = jnp.sin(jnp.pi * jnp.minimum(hertz * jnp.asarray(frame_time), 0.5))
+    weights = None if counts is None else counts.astype(x.dtype)
+    return lgs(x, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
