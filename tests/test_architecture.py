@@ -17,7 +17,7 @@ import jaxmotion
 
 PACKAGE = Path(jaxmotion.__file__).parent
 FLOORS = (
-    ("_types", "_numerics", "_checks", "_portable", "_lazy", "_plain", "_file_facts"),
+    ("_types", "_numerics", "_checks", "_autodiff", "_portable", "_lazy", "_plain", "_file_facts"),
     ("quaternion", "linalg", "frames"),
     ("skeleton", "motion", "kinematics", "displacement", "confine", "axes", "io", "samples"),
     ("smoothing", "timing"),
@@ -109,6 +109,17 @@ def test_imports_have_no_cycle():
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as error:
         pytest.fail(" -> ".join(".".join(module) for module in error.args[1]))
+
+
+def test_only_one_file_touches_the_inside_of_jax():
+    inner = ("jax.extend", "jax.interpreters", "jax._src", "jax.lib")
+    touching = {
+        _name(path)
+        for path in FILES
+        for _, name in _imports(path)
+        if ".".join(name).startswith(inner)
+    }
+    assert touching == {"_autodiff.py"}
 
 
 def test_what_holds_file_facts_is_compiled_with_them():

@@ -25,7 +25,7 @@ t = tan(θ/8), from u = vec(a⁻¹b) and w = |cos(θ/2)| by two half-angle steps
 sin and cos at θ/4. Both are smooth in θ².
 
 Sharp bits: quaternions must be unit, v no longer than 2π unless it comes with gains. Everything is
-fenced (:mod:`~jaxmotion.multiresolution.linear`): shared terms are computed once.
+fenced (:mod:`~jaxmotion._autodiff`): shared terms are computed once.
 """
 
 from collections.abc import Callable
@@ -36,9 +36,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion._autodiff import driven, fenced
 from jaxmotion._types import AnyArray
 from jaxmotion.frames.count import step_mask
-from jaxmotion.multiresolution.linear import driven, fenced
 from jaxmotion.quaternion.parts import (
     Parts,
     added,

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from jaxmotion.multiresolution.linear import linear
+from jaxmotion._autodiff import linear
 from jaxmotion.quaternion.parts import Parts
 
 _slice = partial(jax.lax.dynamic_slice_in_dim, axis=0)

@@ -27,14 +27,14 @@ from jaxmotion._numerics import cos_half, series_switch, sin_half_over
 from jaxmotion._types import Quaternion
 from jaxmotion.quaternion.algebra import multiply
 from jaxmotion.quaternion.explog import exp, log
-from jaxmotion.quaternion.parts import Parts, added, cross, scaled
+from jaxmotion.quaternion.parts import Parts, added, cross, dot, scaled
 
 Vectors = Float[Array, "n 3 lanes"]
 
 
 def jacobian(v: Parts, y: Parts) -> Parts:
     """Jr(v) y, radians."""
-    x = _squared_length(v)
+    x = dot(v, v)
     half = sin_half_over(x)
     second = jacobian_factor(x, 2 * half * cos_half(x))
     return _with_crosses(v, -2 * half * half, second, y)
@@ -49,7 +49,7 @@ def jacobian_factor(x: Float[Array, "..."], sinc: Float[Array, "..."]) -> Float[
 
 def inverse_jacobian(w: Parts, y: Parts, *, transpose: bool = False) -> Parts:
     """M(w) y, or its transpose M(w)^T y = M(-w) y."""
-    x = _squared_length(w)
+    x = dot(w, w)
     k = inverse_jacobian_factor(x, cos_half(x) / (2 * sin_half_over(x)))
     return _with_crosses(w, -0.5 if transpose else 0.5, k, y)
 
@@ -61,10 +61,6 @@ def inverse_jacobian_factor(
     far = x > series_switch(x.dtype)
     near = 1 / 12 + x * (1 / 720 + x / 30240)
     return jnp.where(far, (1 - half_cotangent) / jnp.where(far, x, 1), near)
-
-
-def _squared_length(v: Parts) -> Array:
-    return jnp.sum(jnp.stack(v) ** 2, axis=0)
 
 
 def _with_crosses(w: Parts, first: Array | float, second: Array, y: Parts) -> Parts:
@@ -102,7 +98,7 @@ _plain = relative.fun
 
 def on_blocks(function: Callable[..., Parts], *vectors: Vectors, **options) -> Vectors:
     """A function of vectors by component, of blocks."""
-    parts = function(*(tuple(jnp.unstack(v, axis=1)) for v in vectors), **options)
+    parts = function(*(tuple(jnp.unstack(jnp.moveaxis(v, 1, 0))) for v in vectors), **options)
     return jnp.moveaxis(jnp.stack(parts), 0, 1)
 
 

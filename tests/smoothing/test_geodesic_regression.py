@@ -204,15 +204,19 @@ def test_float32_throughout_and_an_answer_or_a_flag_beyond_it(smooth):
         found = geodesic(q, lam, sigma, throw=False)
         return found.mean, found.covariance, found.converged
 
-    # At 1000 the normal equations have no digit to spare: rounding decides whether it converges.
-    for stiffer, angle, relative in [(1, 1e-6, 1e-5), (100, 1e-5, 1e-2), (1000, 1e-4, 0.1)]:
-        inputs = (jnp.asarray(x, jnp.float32) for x in (q, stiffer * LAMS, SIGMAS))
+    # Up to lam sigma = 1000; beyond, rounding decides whether it converges, and to what.
+    noise = np.random.default_rng(1).normal(scale=0.02, size=(4, 7, 2, 3))
+    stiffest = 1000 / np.max(LAMS * SIGMAS)
+    cases = [(q, 1, 1e-6, 1e-5), (q, 100, 1e-5, 1e-2)]
+    for turn in (0 * noise[0], *noise):
+        near = quaternion.multiply(quaternion.exp(jnp.asarray(turn)), q)
+        cases.append((near, stiffest, 1e-4, 0.1))
+    for data, stiffer, angle, relative in cases:
+        inputs = (jnp.asarray(x, jnp.float32) for x in (data, stiffer * LAMS, SIGMAS))
         mean, covariance, converged = single(*inputs)
         assert mean.dtype == covariance.dtype == jnp.float32
-        assert converged or stiffer == 1000
-        if not converged:
-            continue
-        double, double_covariance = smooth(q, stiffer * LAMS, SIGMAS)
+        assert converged
+        double, double_covariance = smooth(data, stiffer * LAMS, SIGMAS)
         assert largest_angle(mean, double) < angle
         largest = relative * jnp.max(double_covariance)
         np.testing.assert_allclose(covariance, double_covariance, atol=largest)

@@ -3,9 +3,17 @@
     linear   change(*at, *x), linear in x; backwards pull(*at, y)
     driven   a value whose derivative is change(*at, d by), whatever it was computed from
 
-Both are primitives. Left to JAX, a transpose is fed by dozens of stored intermediates; and a
-``custom_jvp`` whose function has another derivative than its rule says is wrong where JAX drops the
-rule, as it does in a derivative of a scan's derivative. Derivatives of any order, both modes, vmap.
+The contract. ``change`` is linear in x (in d by) for every ``at`` and pure; ``pull`` is its exact
+transpose, with the same ``at``, and makes one cotangent for each leaf of x, of its shape and dtype;
+both return arrays of shapes that depend on shapes only. Nothing checks this: a test beside each map
+compares the pair (⟨change x, y⟩ = ⟨x, pull y⟩) and its derivatives with JAX's own of the plain
+function. ``at`` may have derivatives, but for whole numbers. What holds then: derivatives of any
+order in both modes, ``vmap``, loops, ``jit``, exports.
+
+Both are primitives, and this is the only file that touches ``jax.extend`` and ``jax.interpreters``,
+which JAX may change between versions; run on 0.7.2 and 0.10.2. Left to JAX, a transpose is fed by
+dozens of stored intermediates; and a ``custom_jvp`` whose function has another derivative than its
+rule says is wrong where JAX drops the rule, as it does in a derivative of a scan's derivative.
 
 XLA fuses elementwise chains without limit on a CPU, and computes what several consumers share once
 for each, which makes a gradient explode in time and code. It does not fuse across a branch, so

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmotion.multiresolution.linear import driven, linear
+from jaxmotion._autodiff import driven, linear
 from tests.helpers import assert_trees_close
 
 RNG = np.random.default_rng(0)
