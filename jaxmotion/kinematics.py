@@ -299,7 +299,7 @@ def facing_direction(
         )
     x = forward_kinematics(motion).positions
     left, right = (x[..., side, :] for side in np.asarray(pairs).T)
-    up = jnp.asarray(np.eye(3)["xyz".index(motion.skeleton.up)], x.dtype)
+    up = jnp.asarray(np.eye(3)[motion.skeleton.up_axis], x.dtype)
     forward = jnp.cross(jnp.sum(left - right, axis=-2), up)
     squared = jnp.sum(forward**2, -1, keepdims=True)
     # Below this the positions' rounding alone would point somewhere.

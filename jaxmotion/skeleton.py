@@ -179,6 +179,11 @@ class Skeleton(Portable):
         return len(self.names)
 
     @property
+    def up_axis(self) -> int:
+        """Which component of a position is its height: 0, 1 or 2 for ``up`` of x, y or z."""
+        return "xyz".index(self.up)
+
+    @property
     def levels(self) -> tuple[tuple[int, ...], ...]:
         """Joints by depth: ``levels[0] == (0,)``, every joint's parent one level up."""
         return levels_of(self.parents)

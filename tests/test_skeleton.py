@@ -127,3 +127,8 @@ def test_feet_by_name_are_the_topmost_joint_of_each():
     assert feet_by_name(skeleton) == (1, 4)
     assert feet_by_name(Skeleton(["foot"], [-1], np.zeros((1, 3)))) == (0,)
     assert feet_by_name(Skeleton(["a"], [-1], np.zeros((1, 3)))) == ()
+
+
+def test_the_up_axis_is_the_component_of_heights():
+    for i, up in enumerate("xyz"):
+        assert Skeleton(["root"], [-1], np.eye(3)[i][None], up=up).up_axis == i

@@ -20,6 +20,7 @@ from jaxmotion.cli._options import Batch, Running, Selection
 from jaxmotion.cli._progress import Progress
 from jaxmotion.cli._terminal import say
 from jaxmotion.cli._work import Editing, Outcome, edit_file, guarded
+from jaxmotion.io.formats import files_of
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -71,7 +72,7 @@ def run(
     report = batch.report
     if report is not None and report.exists() and not (batch.overwrite or batch.resume):
         raise click.UsageError(f"{report} exists; add --overwrite")
-    early, ready = _sorted_out(jobs, batch, writes or _files_of)
+    early, ready = _sorted_out(jobs, batch, writes or files_of)
     if batch.dry_run:
         for outcome in early:
             say(f"{_arrow(outcome.job)}: {outcome.message}")
@@ -79,7 +80,7 @@ def run(
             say(_arrow(job))
         say(f"{len(ready)} files would be written.", err=True)
         raise click.exceptions.Exit(0)
-    outputs = [path for job in jobs for path in (writes or _files_of)(job.target)]
+    outputs = [path for job in jobs for path in (writes or files_of)(job.target)]
     clear = _files.clearing([*outputs, *([report] if report else [])])
     clear()
     outcomes = _run_all(process, early, ready, batch, running, clear)
@@ -158,10 +159,6 @@ def _one_by_one(process: Callable, jobs: list[Job], running: Running) -> Generat
         _session.start(cache=running.cache, little=little)
     for job in jobs:
         yield guarded(process, job)
-
-
-def _files_of(target: Path) -> list[Path]:
-    return [target, target.with_suffix(".asf")] if target.suffix.lower() == ".amc" else [target]
 
 
 def _arrow(job: Job) -> str:

@@ -7,7 +7,6 @@ be given a file name for its output; otherwise the output is a folder.
 
 import glob
 import os
-import zipfile
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,8 +15,7 @@ from pathlib import Path
 import click
 
 from jaxmotion._plain import in_words, irregular
-
-SUFFIXES = (".bvh", ".amc", ".npz")
+from jaxmotion.io.formats import SUFFIXES, files_of, may_hold_a_motion
 
 
 @dataclass(frozen=True)
@@ -121,8 +119,8 @@ def overlaps(sources: Iterable[Path]) -> Callable[[Path], bool]:
     def over(target: Path) -> bool:
         if real(target) in paths or _identity(target) in files:
             return True
-        asf = real(target.with_suffix(".asf"))
-        return target.suffix.lower() == ".amc" and asf.exists() and asf in _skeletons(sources)
+        beside = [real(path) for path in files_of(target)[1:]]
+        return any(path.exists() and path in _skeletons(sources) for path in beside)
 
     return over
 
@@ -188,7 +186,7 @@ def _inside(base: Path, paths: Iterable[Path], below: Path, avoid: Path | None) 
             continue
         if away is not None and away in real(path).parents:
             continue
-        if path.suffix.lower() == ".npz" and not _holds_a_motion(path):
+        if not may_hold_a_motion(path):
             continue
         yield Input(path, below / relative, False)
 
@@ -208,14 +206,3 @@ def _fixed_part(pattern: Path) -> Path:
             break
         parts.append(part)
     return Path(*parts)
-
-
-def _holds_a_motion(path: Path) -> bool:
-    """Whether an archive looks like a motion, ours or AMASS; folders hold other .npz files too."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = set(archive.namelist())
-    except (OSError, zipfile.BadZipFile):
-        return True
-    split = {"root_orient.npy", "pose_body.npy", "trans.npy"}
-    return "jaxmotion_motion.npy" in names or {"poses.npy", "trans.npy"} <= names or split <= names

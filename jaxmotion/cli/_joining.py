@@ -71,10 +71,11 @@ def check_targets(targets: Sequence[Path], sources: Sequence[Path], *, overwrite
     """Refuse to write a motion, the first of ``targets``, in a format that is none, and any of them
     over a source or, unasked, over a file that exists."""
     from jaxmotion.cli import _files
+    from jaxmotion.io.formats import SUFFIXES
 
     out = targets[0]
-    if out.suffix.lower() not in _files.SUFFIXES:
-        raise click.UsageError(f"-o {out.name}: expected a {', '.join(_files.SUFFIXES)} file")
+    if out.suffix.lower() not in SUFFIXES:
+        raise click.UsageError(f"-o {out.name}: expected a {', '.join(SUFFIXES)} file")
     over = _files.overlaps(sources)
     for target in targets:
         if over(target):

@@ -21,7 +21,7 @@ from typing import Any
 import click
 
 from jaxmotion._plain import in_words, irregular
-from jaxmotion.cli._files import SUFFIXES
+from jaxmotion.io.formats import SUFFIXES
 
 NOWHERE = Path(os.devnull)
 

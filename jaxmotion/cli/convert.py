@@ -29,9 +29,10 @@ def command(batch: Batch, running: Running, to: str | None, no_still_positions: 
     """
     from jaxmotion.cli import _files
     from jaxmotion.cli._batch import run
+    from jaxmotion.io.formats import SUFFIXES
 
     inputs = _files.expand(batch.files, avoid=batch.out)
-    if to is None and (batch.out.suffix.lower() not in _files.SUFFIXES or batch.out.is_dir()):
+    if to is None and (batch.out.suffix.lower() not in SUFFIXES or batch.out.is_dir()):
         raise click.UsageError("which format? --to bvh, amc or npz")
     jobs = _files.plan(inputs, batch.out, to=to)
     options = {"still_positions": False} if no_still_positions else {}

@@ -62,7 +62,7 @@ def describe(motion: "Motion") -> dict[str, Any]:
 
     skeleton = motion.skeleton
     points = metrics.world_positions(motion)
-    up = "xyz".index(skeleton.up)
+    up = skeleton.up_axis
     height = np.median(np.ptp(points[:, :, up], axis=1))
     return {
         "frames": motion.num_frames,

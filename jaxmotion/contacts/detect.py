@@ -76,7 +76,7 @@ def detect(
         points = ContactPoints(motion.skeleton, joints)
     count, motion = counted("detect: length", length, motion.num_frames, motion)
     if points is None:
-        points = find_feet(motion, length=count)
+        points = find_feet(motion, length=length)
     frames = min(_window(motion, window), motion.num_frames)
     kind = motion.dtype
     level = floor if floor is None or isinstance(floor, str) else jnp.asarray(floor, kind)
@@ -116,7 +116,7 @@ def _detect(
     positions = pose.positions[:, index] + offset
     size = limb_lengths(motion, points)
     smoothed = height_speed.smooth(positions, counts, motion.frame_time)
-    heights = _heights(smoothed, motion.skeleton.up, floor, size, counts, window)
+    heights = _heights(smoothed, motion.skeleton.up_axis, floor, size, counts, window)
     short = jnp.round(_SHORT / motion.frame_time).astype(jnp.int32)
     if method == "segments":
         found = rigid.rest(positions, quaternion.to_matrix(turns), size, counts, window, tolerance)
@@ -145,10 +145,10 @@ def _tidied(mask: Bool[Array, "time point"], short: Array, counts: Array) -> Arr
     return without_short(closed, jnp.maximum(short, 2), counts)
 
 
-def _heights(smoothed: Array, up: str, floor, size, counts, window: int) -> Array | None:
+def _heights(smoothed: Array, up: int, floor, size, counts, window: int) -> Array | None:
     if floor is None:
         return None
-    height = smoothed[..., "xyz".index(up)]
+    height = smoothed[..., up]
     if isinstance(floor, str):
         return height - height_speed.levels(height, size, counts, window)
     return height - floor

@@ -57,7 +57,7 @@ def find_feet(motion: Motion, *, length: ScalarLike | None = None) -> ContactPoi
         np.asarray(a, np.float64)[:count]
         for a in (pose.positions, pose.rotations, pose.end_positions)
     )
-    up = np.eye(3)["xyz".index(skeleton.up)]
+    up = np.eye(3)[skeleton.up_axis]
     feet = _by_name(skeleton)
     feet += _by_geometry(skeleton, world, tips, up, {f.ankle for f in feet})
     joints, offsets, names, limbs = [], [], [], []

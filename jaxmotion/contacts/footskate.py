@@ -213,7 +213,7 @@ def _nearest(x, center, reach, planted):
 
 def _lifted(motion, contacts, feet, ankle, turned, body, planted, away, floor):
     """Step 5: feet in the air raised by how far their lowest point is below the floor."""
-    up = "xyz".index(motion.skeleton.up)
+    up = motion.skeleton.up_axis
     owner = np.array([feet.limbs.index(limb) for limb in contacts.limbs])
     points = ankle[:, owner] + rotate(turned[:, owner], body)
     depth = jnp.maximum(floor - points[..., up], 0)

@@ -50,5 +50,5 @@ def floor_near(motion: Motion, origin: Float[Array, "3"], floor: Any) -> Any:
         return floor
     floor = jnp.asarray(floor)
     widest = np.promote_types(floor.dtype, origin.dtype)
-    up = origin["xyz".index(motion.skeleton.up)]
+    up = origin[motion.skeleton.up_axis]
     return (floor.astype(widest) - up.astype(widest)).astype(origin.dtype)

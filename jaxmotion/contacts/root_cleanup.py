@@ -54,7 +54,7 @@ def cleanup_root(
 
 @compiled
 def _cleanup(motion: Motion, contacts: Contacts, floor, count) -> Motion:
-    kind, up = motion.dtype, "xyz".index(motion.skeleton.up)
+    kind, up = motion.dtype, motion.skeleton.up_axis
     counts = frame_mask(count, motion.num_frames)
     planted = contacts.mask & counts[:, None]
     origin = origin_of(motion)

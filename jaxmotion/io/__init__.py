@@ -6,20 +6,20 @@
 | ``.amc`` (with its ``.asf``) | yes | yes | :mod:`jaxmotion.io.asfamc` |
 | ``.npz`` | yes, ours and AMASS | ours | :mod:`jaxmotion.io.npz`, :mod:`jaxmotion.io.amass` |
 
-Files are parsed in float64; a file is written whole or not at all. Trouble with a file's contents
-is a :class:`MotionFileError` (path, line, frame, what was found, what was expected, what to try);
-a repair, or a change that the format forced, is a :class:`MotionFileWarning`. What a format leaves
-open (the up axis, a frame rate) is assumed, can be told, and is kept:
-:mod:`jaxmotion.io.conventions`.
+The table is :mod:`jaxmotion.io.formats`. Files are parsed in float64; a file is written whole or
+not at all. Trouble with a file's contents is a :class:`MotionFileError` (path, line, frame, what
+was found, what was expected, what to try); a repair, or a change that the format forced, is a
+:class:`MotionFileWarning`. What a format leaves open (the up axis, a frame rate) is assumed, can be
+told, and is kept: :mod:`jaxmotion.io.conventions`.
 """
 
-from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jaxmotion.io.conventions import Up, UpOut
+from jaxmotion.io import formats
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning
+from jaxmotion.io.formats import Up, UpOut
 
 if TYPE_CHECKING:
     from jaxmotion.motion import Motion
@@ -48,8 +48,7 @@ def load(
     not one of the table's; ``OSError`` for one that cannot be opened; ``ValueError`` for a dtype
     that is not available, or an impossible ``fps`` or ``up``.
     """
-    reader = _reader(Path(path))
-    return reader(path, dtype=dtype, fps=fps, up=up, **format_options)
+    return formats.reader(Path(path))(path, dtype=dtype, fps=fps, up=up, **format_options)
 
 
 def save(
@@ -71,54 +70,6 @@ def save(
     ``ValueError`` for a motion that the format cannot hold; ``FileExistsError`` and other
     ``OSError`` from writing.
     """
-    writer = _writer(Path(path))
     if up is not None:
         format_options["up"] = up
-    writer(motion, path, overwrite=overwrite, **format_options)
-
-
-def _reader(path: Path) -> "Callable[..., Motion]":
-    match path.suffix.lower():
-        case ".bvh":
-            from jaxmotion.io.bvh import load_bvh
-
-            return load_bvh
-        case ".amc":
-            from jaxmotion.io.asfamc import load_amc
-
-            return load_amc
-        case ".npz":
-            from jaxmotion.io import amass, npz
-
-            return amass.load_amass if amass.is_amass(path) else npz.load_npz
-    raise _unknown(path)
-
-
-def _writer(path: Path) -> Callable[..., None]:
-    match path.suffix.lower():
-        case ".bvh":
-            from jaxmotion.io.bvh import save_bvh
-
-            return save_bvh
-        case ".amc":
-            from jaxmotion.io.asfamc import save_amc
-
-            return save_amc
-        case ".npz":
-            from jaxmotion.io.npz import save_npz
-
-            return save_npz
-    raise _unknown(path)
-
-
-def _unknown(path: Path) -> MotionFileError:
-    suffix = path.suffix.lower()
-    hint = "give one of those suffixes"
-    if suffix == ".asf":
-        hint = "name the .amc file; its .asf skeleton is found beside it"
-    return MotionFileError(
-        path,
-        f"the suffix {suffix!r}" if suffix else "no suffix",
-        expected=".bvh, .amc (with its .asf) or .npz",
-        hint=hint,
-    )
+    formats.writer(Path(path))(motion, path, overwrite=overwrite, **format_options)

@@ -29,8 +29,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmotion.io.archive import Archive
-from jaxmotion.io.conventions import Up, seconds_of, with_up
+from jaxmotion.io.conventions import seconds_of, with_up
 from jaxmotion.io.errors import MotionFileError
+from jaxmotion.io.formats import Up
 from jaxmotion.io.npz import MARK
 from jaxmotion.io.precision import float_type
 from jaxmotion.motion import Motion

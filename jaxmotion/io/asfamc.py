@@ -44,8 +44,9 @@ from jaxmotion.io.asf import read_asf
 from jaxmotion.io.asf_dofs import dofs_from_transforms, places, transforms_from_dofs
 from jaxmotion.io.asf_write import asf_bones, asf_names, asf_text
 from jaxmotion.io.atomic import atomic_write
-from jaxmotion.io.conventions import Up, UpOut, seconds_of, turned_for, with_up
+from jaxmotion.io.conventions import seconds_of, turned_for, with_up
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning
+from jaxmotion.io.formats import Up, UpOut
 from jaxmotion.io.precision import float_type
 from jaxmotion.io.printed_digits import LARGEST_ROUNDING, SINGLE_PRECISION
 from jaxmotion.io.soundness import check_clip

@@ -47,9 +47,10 @@ from jaxmotion.io.bvh_frames import (
     row_texts,
 )
 from jaxmotion.io.bvh_hierarchy import Hierarchy, parse_hierarchy, parse_number
-from jaxmotion.io.conventions import Up, UpOut, seconds_of, turned_for, with_up
+from jaxmotion.io.conventions import seconds_of, turned_for, with_up
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted, read_file
 from jaxmotion.io.euler_blocks import quaternions
+from jaxmotion.io.formats import Up, UpOut
 from jaxmotion.io.precision import float_type
 from jaxmotion.io.printed_digits import (
     LARGEST_ROUNDING,

@@ -16,16 +16,13 @@ import math
 import warnings
 from dataclasses import replace
 from os import PathLike
-from typing import Literal, TypeAlias
 
 from jaxmotion._checks import one_of
 from jaxmotion.axes import guess_up, reorient
 from jaxmotion.io.errors import MotionFileWarning
+from jaxmotion.io.formats import Up, UpOut
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Conventions
-
-Up: TypeAlias = Literal["x", "y", "z", "auto"]
-UpOut: TypeAlias = Literal["x", "y", "z", "keep"]
 
 
 def seconds_of(fps: float | int | None, reader: str) -> float | None:

@@ -56,7 +56,7 @@ def penetration(
 ) -> Float[np.ndarray, "time point"]:
     """How far each point is below the height ``floor``: f[T, C] ≥ 0, file unit."""
     positions = np.asarray(points.positions(motion), np.float64)
-    return np.maximum(floor - positions[..., "xyz".index(motion.skeleton.up)], 0.0)
+    return np.maximum(floor - positions[..., motion.skeleton.up_axis], 0.0)
 
 
 def contact_scores(

@@ -157,7 +157,7 @@ def follow(first: Motion, second: Motion) -> Motion:
 
 @compiled
 def _follow(first: Motion, second: Motion) -> Motion:
-    up = np.eye(3)["xyz".index(second.skeleton.up)]
+    up = np.eye(3)[second.skeleton.up_axis]
     end, start = first.rotations[-1, 0], second.rotations[0, 0]
     apart = quaternion.multiply(end, quaternion.conjugate(start))
     axis = jnp.asarray(up, apart.dtype)

@@ -125,7 +125,7 @@ def _slide(motion, key, amount):
     heading, phase = jax.random.uniform(key, (2,), kind, 0, 2 * jnp.pi)
     u = jnp.arange(1, motion.num_frames + 1, dtype=kind) / motion.num_frames
     forward, across = u * size, 0.25 * size * (jnp.sin(2 * jnp.pi * u + phase) - jnp.sin(phase))
-    first, second = ("xyz".index(a) for a in "xyz" if a != skeleton.up)
+    first, second = (a for a in range(3) if a != skeleton.up_axis)
     cos, sin = jnp.cos(heading), jnp.sin(heading)
     drift = jnp.zeros((motion.num_frames, 3), kind)
     drift = drift.at[:, first].set(cos * forward - sin * across)

@@ -61,7 +61,7 @@ class Sample(eqx.Module):
         What is left out are the frames just before and after a contact, in which the point has
         moved too little for anyone to tell.
         """
-        height = self.contact_positions[..., "xyz".index(self.motion.skeleton.up)]
+        height = self.contact_positions[..., self.motion.skeleton.up_axis]
         return self.contacts | (height >= self.floor + distance)
 
 

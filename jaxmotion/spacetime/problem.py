@@ -79,7 +79,7 @@ class Problem(eqx.Module):
     @property
     def up(self) -> int:
         """Which component is height."""
-        return "xyz".index(self.start.skeleton.up)
+        return self.start.skeleton.up_axis
 
     def turns(self, z: Float[Array, "time d"]) -> Float[Array, "time joint 3"]:
         """delta of the joints, rotation vectors."""

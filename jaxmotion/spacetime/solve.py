@@ -298,7 +298,7 @@ def _report(answer, contacts, target, limits, floor, solution: _Solution) -> Rep
     error = jnp.where(contacts.mask & (error > rounding), error, 0)
     depth = jnp.zeros_like(error)
     if floor is not None:
-        depth = jnp.maximum(floor - y[..., "xyz".index(answer.skeleton.up)], 0)
+        depth = jnp.maximum(floor - y[..., answer.skeleton.up_axis], 0)
     excess = jnp.zeros(answer.rotations.shape[:2], answer.dtype)
     if limits is not None:
         excess = safe_norm(limits.excess(answer.rotations))

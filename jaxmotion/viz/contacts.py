@@ -30,7 +30,7 @@ def plot_contacts(motion: Motion, contacts: Contacts) -> "Figure":
             f"{motion.num_frames}"
         )
     seconds = float(motion.frame_time)
-    up = "xyz".index(motion.skeleton.up)
+    up = motion.skeleton.up_axis
     heights = np.asarray(contacts.points.positions(motion))[..., up]
     found = intervals(contacts)
     rows = max(1, contacts.num_points)

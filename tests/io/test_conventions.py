@@ -5,9 +5,8 @@ import pytest
 
 import jaxmotion as jm
 from jaxmotion.io import MotionFileWarning
+from jaxmotion.io.formats import SUFFIXES
 from tests.helpers import assert_same_rotation, no_shape_checks, world_by_matrices
-
-SUFFIXES = (".bvh", ".amc", ".npz")
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,111 @@
+"""The file formats, a row each: what ``load``, ``save`` and the command line go by.
+
+A new format is a module with a reader and a writer that take what those of :mod:`jaxmotion.io.bvh`
+take, and a row. Two formats may share a suffix if archives tell them apart. Nothing is imported to
+read the table.
+"""
+
+import zipfile
+from collections.abc import Callable, Iterable
+from importlib import import_module
+from pathlib import Path
+from typing import Literal, NamedTuple, TypeAlias
+
+from jaxmotion.io.errors import MotionFileError
+
+Up: TypeAlias = Literal["x", "y", "z", "auto"]  # what a reader is told
+UpOut: TypeAlias = Literal["x", "y", "z", "keep"]  # what a writer is told
+
+
+class Format(NamedTuple):
+    """``suffix`` of its files; ``load`` and ``save``, "module:function" in :mod:`jaxmotion.io`,
+    ``save`` None if it is only read; ``knows``: tells its files from others of that suffix that
+    come before it in the table; ``arrays``: of archives, the names of which it holds one set;
+    ``beside``: suffix of the file that goes with each."""
+
+    suffix: str
+    load: str
+    save: str | None
+    knows: str | None = None
+    arrays: tuple[frozenset[str], ...] = ()
+    beside: str | None = None
+
+
+FORMATS = (
+    Format(".bvh", "bvh:load_bvh", "bvh:save_bvh"),
+    Format(".amc", "asfamc:load_amc", "asfamc:save_amc", beside=".asf"),
+    Format(".npz", "npz:load_npz", "npz:save_npz", arrays=(frozenset({"jaxmotion_motion"}),)),
+    Format(
+        ".npz",
+        "amass:load_amass",
+        None,
+        knows="amass:is_amass",
+        arrays=(frozenset({"poses", "trans"}), frozenset({"root_orient", "pose_body", "trans"})),
+    ),
+)
+SUFFIXES = tuple(dict.fromkeys(row.suffix for row in FORMATS))
+
+
+def reader(path: Path) -> Callable:
+    """The function that reads a file.
+
+    **Raises:** :class:`MotionFileError` for a suffix that is not in the table.
+    """
+    first, *others = _rows(path)
+    for row in others:
+        if row.knows is not None and _named(row.knows)(path):
+            return _named(row.load)
+    return _named(first.load)
+
+
+def writer(path: Path) -> Callable[..., None]:
+    """The function that writes a file of that suffix; errors as :func:`reader`."""
+    return next(_named(row.save) for row in _rows(path) if row.save is not None)
+
+
+def files_of(path: Path) -> list[Path]:
+    """The files that a motion is written to."""
+    beside = {row.beside for row in FORMATS if row.suffix == path.suffix.lower()} - {None}
+    return [path, *(path.with_suffix(suffix) for suffix in beside if suffix is not None)]
+
+
+def may_hold_a_motion(path: Path) -> bool:
+    """Whether a file found in a folder is one to read: of a suffix of the table, and an archive
+    with the arrays of a motion. What cannot be looked into is: reading it will tell."""
+    rows = [row for row in FORMATS if row.suffix == path.suffix.lower()]
+    wanted: Iterable[frozenset[str]] = (names for row in rows for names in row.arrays)
+    if not any(row.arrays for row in rows):
+        return bool(rows)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            held = {name.removesuffix(".npy") for name in archive.namelist()}
+    except (OSError, zipfile.BadZipFile):
+        return True
+    return any(names <= held for names in wanted)
+
+
+def _rows(path: Path) -> list[Format]:
+    suffix = path.suffix.lower()
+    rows = [row for row in FORMATS if row.suffix == suffix]
+    if rows:
+        return rows
+    main = [row.suffix for row in FORMATS if row.beside == suffix]
+    hint = "give one of those suffixes"
+    if main:
+        hint = f"name the {main[0]} file; its {suffix} skeleton is found beside it"
+    listed = dict.fromkeys(
+        row.suffix if row.beside is None else f"{row.suffix} (with its {row.beside})"
+        for row in FORMATS
+    )
+    *others, last = listed
+    raise MotionFileError(
+        path,
+        f"the suffix {suffix!r}" if suffix else "no suffix",
+        expected=f"{', '.join(others)} or {last}",
+        hint=hint,
+    )
+
+
+def _named(place: str) -> Callable:
+    module, _, name = place.partition(":")
+    return getattr(import_module(f"jaxmotion.io.{module}"), name)
