@@ -110,6 +110,7 @@ def satisfy(
     method: Literal["gauss_newton", "hierarchical", "bounds"] = "gauss_newton",
     tolerance: float = 1e-5,
     max_steps: int | None = None,
+    throw: bool = False,
 ) -> tuple[Motion, Report]:
     """The motion, moved so that it keeps its contacts.
 
@@ -118,12 +119,13 @@ def satisfy(
     ``weights``: :class:`Weights`; ``ramp``: seconds over which a contact's pull comes and goes,
     before and after it (the module says why none by default); ``tolerance``: radians, the iteration
     stops after a step shorter than that; ``max_steps``: 64 by default, and 2000 of L-BFGS-B for
-    "bounds".
+    "bounds"; ``throw``: whether not coming to rest in them is an error (else look at ``converged``
+    of the report).
     **Returns:** the motion (joints that nothing is asked of bit for bit as they were) and a
     :class:`Report`. Differentiable in motion, targets, limits, floor and weights, in both modes,
     but for "bounds", whose differentiation is an error.
     **Raises:** ``ValueError`` for shapes and options that do not fit; at run time for targets in
-    contact, or a motion, that are not finite.
+    contact, or a motion, that are not finite, and as ``throw`` says.
     """
     one_of("satisfy: method", method, _STEPS)
     if motion.rotations.ndim != 3:
@@ -147,7 +149,7 @@ def satisfy(
     dtype = motion.dtype
     weights = Weights() if weights is None else weights
     weights = Weights(**{name: jnp.asarray(x, dtype) for name, x in vars(weights).items()})
-    return _satisfy(
+    answer, report = _satisfy(
         motion.astype(dtype),
         contacts,
         None if joint_limits is None else joint_limits.astype(dtype),
@@ -158,6 +160,10 @@ def satisfy(
         float(tolerance),
         _STEPS[method] if max_steps is None else int(max_steps),
     )
+    if not throw:
+        return answer, report
+    message = "satisfy: not at rest when its steps were used up; give more, or a larger tolerance"
+    return raise_faults((answer, report), [(~report.converged, message)])
 
 
 @compiled

@@ -97,6 +97,7 @@ def motion_warping(
     offset_smoothness: float = 1.0,
     max_iterations: int = 100,
     tolerance: float = 1e-4,
+    throw: bool = False,
 ) -> MotionWarp:
     """Align a source clip with a reference while scaling and shifting its channels over time.
 
@@ -112,13 +113,16 @@ def motion_warping(
         max_iterations: most rounds of warp and fit.
         tolerance: largest change of the scaled and shifted channels that counts as none, as a share
             of their spread.
+        throw: whether still changing by more after ``max_iterations`` is an error (else look at
+            ``converged``).
 
     Returns:
         :class:`MotionWarp`.
 
     Raises:
         ValueError: shapes that do not fit, a slope too small for these lengths, or a smoothness
-            outside of what the dtype can solve. At run time for clips that are not finite.
+            outside of what the dtype can solve. At run time for clips that are not finite, and as
+            ``throw`` says.
     """
     source, reference = jnp.asarray(source), jnp.asarray(reference)
     num_source, num_reference = source.shape[0], reference.shape[0]
@@ -139,7 +143,11 @@ def motion_warping(
         )
     weights = jnp.asarray(smoothness, source.dtype)
     enough = jnp.asarray(tolerance, source.dtype)
-    return _warp(source, reference, shared, m, weights, max_iterations, enough)
+    warp = _warp(source, reference, shared, m, weights, max_iterations, enough)
+    if not throw:
+        return warp
+    message = f"motion_warping: still changing after {max_iterations} iterations"
+    return raise_faults(warp, [(~jnp.all(warp.converged), message)])
 
 
 @eqx.filter_jit

@@ -186,6 +186,8 @@ def test_an_answer_that_is_not_at_rest_warns(original, contacts, monkeypatch):
         got = keep_contacts(edit, original, contacts)
     assert got.num_frames == FRAMES
     jax.eval_shape(keep_contacts, edit, original, contacts)
+    with pytest.raises(eqx.EquinoxRuntimeError, match="satisfy: not at rest"):
+        short(edit, contacts, throw=True)
 
 
 def test_traced_clips_are_restored_with_given_contacts(original, contacts):

@@ -114,6 +114,8 @@ def test_first_warp_is_the_best_of_all_warps():
         energy(source, reference, np.asarray(got.runs), ones, zeros, 2), best, rtol=1e-12
     )
     assert not bool(got.converged)
+    with pytest.raises(Exception, match="motion_warping: still changing after 1 iterations"):
+        motion_warping(source, reference, max_iterations=1, throw=True)
 
 
 @pytest.mark.parametrize(
