@@ -5,6 +5,8 @@ Every joint has a translation and a rotation in its parent's frame. ``translatio
 repeats its offset. The root's transform is in the world.
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -146,16 +148,23 @@ class Motion(Portable):
             frame_time_text=self.frame_time_text if abs(step) == 1 else None,
         )
 
+    def replace(self, **changes) -> "Motion":
+        """A copy with some fields changed: ``motion.replace(frame_time=1 / 60)``.
+
+        How the file spelt the frame time is left out with it.
+        **Raises:** ``ValueError`` for what is no field, and as the class.
+        """
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        if unknown := sorted(set(changes) - set(fields)):
+            raise ValueError(f"Motion.replace: {', '.join(unknown)}; expected of {list(fields)}")
+        if "frame_time" in changes:
+            fields["frame_time_text"] = None
+        return Motion(**(fields | changes))
+
     def with_transforms(self, translations=None, rotations=None) -> "Motion":
         """The same clip with other translations and/or rotations (any number of frames)."""
-        return Motion(
-            self.skeleton,
-            self.translations if translations is None else translations,
-            self.rotations if rotations is None else rotations,
-            self.frame_time,
-            translated_joints=self.translated_joints,
-            frame_time_text=self.frame_time_text,
-        )
+        given = {"translations": translations, "rotations": rotations}
+        return self.replace(**{name: x for name, x in given.items() if x is not None})
 
     def astype(self, dtype) -> "Motion":
         """The same clip with every array in another floating-point type."""

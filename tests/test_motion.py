@@ -179,3 +179,19 @@ def test_vmap_over_clips(motion):
     stacked = jax.tree.map(lambda x: jnp.stack([x, 2 * x]), motion)
     ends = jax.vmap(lambda m: m[-1].root_positions)(stacked)
     np.testing.assert_array_equal(ends[1], 2 * motion.root_positions[-1:])
+
+
+def test_replace_changes_what_it_is_told_and_nothing_else():
+    motion = random_motion(np.random.default_rng(0), 5)
+    spelt = motion.replace(frame_time_text="0.0333")
+    assert (spelt.frame_time_text, spelt.translated_joints) == ("0.0333", motion.translated_joints)
+    faster = spelt.replace(frame_time=1 / 60)
+    assert faster.frame_time == 1 / 60
+    assert faster.frame_time.dtype == motion.dtype
+    assert faster.frame_time_text is None
+    np.testing.assert_array_equal(faster.rotations, motion.rotations)
+    assert spelt.with_transforms(rotations=-motion.rotations).frame_time_text == "0.0333"
+    with pytest.raises(ValueError, match=r"Motion\.replace: fps; expected of"):
+        motion.replace(fps=60)
+    with pytest.raises(ValueError, match="rotations must have shape"):
+        motion.replace(rotations=np.ones((5, 1, 4)))

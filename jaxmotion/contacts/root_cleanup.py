@@ -78,11 +78,5 @@ def _cleanup(motion: Motion, contacts: Contacts, floor, count) -> Motion:
         lowest = jnp.min(points[..., up], axis=1) + shift[:, up]
         shift = shift.at[:, up].add(jnp.maximum(floor - lowest, 0))
     moving = tuple(sorted({*motion.translated_joints, 0}))
-    return Motion(
-        motion.skeleton,
-        motion.translations.at[:, 0].add(shift),
-        motion.rotations,
-        motion.frame_time,
-        translated_joints=moving,
-        frame_time_text=motion.frame_time_text,
-    )
+    translations = motion.translations.at[:, 0].add(shift)
+    return motion.replace(translations=translations, translated_joints=moving)
