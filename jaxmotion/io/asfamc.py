@@ -84,7 +84,8 @@ def load_amc(
     ``angle``.
     """
     asked = seconds_of(fps, "load_amc")
-    one_of("load_amc: angle", angle, (None, "deg", "rad"))
+    if angle is not None:
+        one_of("load_amc: angle", angle, ("deg", "rad"))
     path = Path(path)
     dtype = float_type(dtype)
     asf = asf_beside(path) if asf is None else Path(asf)

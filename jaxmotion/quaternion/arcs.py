@@ -34,12 +34,14 @@ def shortest_arc(source: Vector3, goal: Vector3) -> Quaternion:
 def twist(q: Quaternion, axis: Vector3) -> Quaternion:
     """The turn f[..., 4] about the unit ``axis`` f[..., 3] in q; none where q swings it round by
     half a turn, so that every twist would do."""
+    q, axis = jnp.asarray(q), jnp.asarray(axis)
     along = jnp.sum(q[..., 1:] * axis, axis=-1, keepdims=True) * axis
     return normalize(jnp.concatenate([q[..., :1], along], axis=-1))
 
 
 def unit(v: Vector3) -> Vector3:
     """v/‖v‖, 0 for 0."""
+    v = jnp.asarray(v)
     length = safe_norm(v, keepdims=True)
     return v / jnp.where(length > 0, length, 1)
 
@@ -47,7 +49,7 @@ def unit(v: Vector3) -> Vector3:
 def unit_across(v: Vector3, line: Vector3, noise: Float[Array, "..."] | float | int) -> Vector3:
     """Unit vector along v's part perpendicular to the line; some perpendicular if that part is no
     longer than the noise."""
-    along = unit(line)
+    v, along = jnp.asarray(v), unit(line)
     # Least of the line's components: the axis that is farthest from it.
     spare = jnp.asarray(np.eye(3), v.dtype)[jnp.argmin(jnp.abs(along), axis=-1)]
     spare = spare - jnp.sum(spare * along, -1, keepdims=True) * along

@@ -30,7 +30,10 @@ def test_a_swing_and_a_twist_are_the_turn(dtype):
     axis = (axis / norm(axis)[:, None]).astype(dtype)
     around, across = rng.uniform(-3, 3, (2, 20, 1))
     flat = unit_across(random_vectors(rng, (20,)).astype(dtype), axis, 0)
-    turns = [Rotation.from_rotvec(angle * v) for angle, v in ((across, flat), (around, axis))]
+    turns = [
+        Rotation.from_rotvec(angle * np.array(v, np.float64))
+        for angle, v in ((across, flat), (around, axis))
+    ]
     q = np.roll((turns[0] * turns[1]).as_quat(), 1, axis=-1).astype(dtype)
     found = twist(q, axis)
     assert found.dtype == dtype
