@@ -1,0 +1,38 @@
+"""The low-pass filter against its gain in closed form."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxmotion.smoothing.low_pass import low_pass
+
+FPS, CUTOFF = 120.0, 6.0
+
+
+@pytest.mark.parametrize("hertz", [1.0, 3.0, CUTOFF, 12.0, 40.0])
+def test_waves_keep_the_share_that_the_module_says(hertz, dtype):
+    time = np.arange(1200) / FPS
+    wave = np.stack([np.sin(2 * np.pi * hertz * time), np.cos(2 * np.pi * hertz * time)], axis=1)
+    got = low_pass(jnp.asarray(wave, dtype), CUTOFF, 1 / FPS)
+    assert got.dtype == dtype
+    gain = 1 / (1 + (np.sin(np.pi * hertz / FPS) / np.sin(np.pi * CUTOFF / FPS)) ** 4)
+    if hertz == CUTOFF:
+        assert gain == 0.5
+    middle = slice(300, 900)
+    tolerance = 1e-6 if dtype == np.float64 else 2e-4
+    np.testing.assert_allclose(got[middle], gain * wave[middle], atol=tolerance)
+
+
+def test_frames_that_do_not_count_have_no_say():
+    rng = np.random.default_rng(0)
+    x = rng.normal(size=(40, 3))
+    alone = low_pass(jnp.asarray(x[:30]), CUTOFF, 1 / FPS)
+    padded = low_pass(jnp.asarray(x), CUTOFF, 1 / FPS, jnp.arange(40) < 30)
+    np.testing.assert_allclose(padded[:30], alone, atol=1e-9)
+
+
+def test_short_clips_and_high_cutoffs_stay():
+    x = np.array([[1.0], [5.0]])
+    np.testing.assert_array_equal(low_pass(jnp.asarray(x), CUTOFF, 1 / FPS), x)
+    still = np.full((9, 2), 3.0)
+    np.testing.assert_allclose(low_pass(jnp.asarray(still), 500.0, 1 / FPS), still, atol=1e-12)
