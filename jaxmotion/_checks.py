@@ -101,9 +101,8 @@ def counted(
         return jnp.asarray(frames, jnp.int32), values
     message = f"{name} must be a whole number from 1 to the {frames} frames there are"
     number = known(length)
-    if number.shape != () or not (
-        jnp.issubdtype(number.dtype, jnp.integer) or (not traced(number) and number % 1 == 0)
-    ):
+    integer = jnp.issubdtype(number.dtype, jnp.integer)
+    if number.shape != () or not (integer or (not traced(number) and number % 1 == 0)):
         raise ValueError(f"{message}, got {length}")
     wrong = (number < 1) | (number > frames)
     count = jnp.clip(jnp.asarray(number).astype(jnp.int32), 1, frames)

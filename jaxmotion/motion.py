@@ -139,13 +139,11 @@ class Motion(Portable):
         start, stop, step = frames.indices(self.num_frames)
         if len(range(start, stop, step)) == 0:
             raise ValueError(f"{frames} leaves none of the motion's {self.num_frames} frames")
-        return Motion(
-            self.skeleton,
-            self.translations[..., frames, :, :],
-            self.rotations[..., frames, :, :],
-            self.frame_time * abs(step),
-            translated_joints=self.translated_joints,
-            frame_time_text=self.frame_time_text if abs(step) == 1 else None,
+        rate = {} if abs(step) == 1 else {"frame_time": self.frame_time * abs(step)}
+        return self.replace(
+            translations=self.translations[..., frames, :, :],
+            rotations=self.rotations[..., frames, :, :],
+            **rate,
         )
 
     def replace(self, **changes) -> "Motion":

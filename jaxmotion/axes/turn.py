@@ -50,8 +50,7 @@ def reorient(motion: Motion, up: str = "y") -> Motion:
     offsets, translations = jnp.asarray(skeleton.offsets), jnp.asarray(motion.translations)
     rotations = jnp.asarray(motion.rotations)
     root = quaternion.multiply(jnp.asarray(turn, rotations.dtype), rotations[..., 0, :])
-    return replace(
-        motion,
+    return motion.replace(
         skeleton=replace(skeleton, offsets=offsets.at[0].set(turned(offsets[0])), up=up),
         translations=translations.at[..., 0, :].set(turned(translations[..., 0, :])),
         rotations=rotations.at[..., 0, :].set(root),

@@ -262,11 +262,6 @@ def _assemble(motion, pose, joints, shift, solved, turned, moved, stretched: boo
             stretched_bones = scale * translations[:, joint]
             translations = translations.at[:, joint].set(stretched_bones)
         moving |= {int(j) for j in (*middle, *end)}
-    return Motion(
-        motion.skeleton,
-        translations,
-        rotations,
-        motion.frame_time,
-        translated_joints=tuple(sorted(moving)),
-        frame_time_text=motion.frame_time_text,
+    return motion.replace(
+        translations=translations, rotations=rotations, translated_joints=tuple(sorted(moving))
     )

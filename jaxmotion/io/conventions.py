@@ -91,4 +91,4 @@ def turned_to(motion: Motion, up: UpOut, writer: str) -> Motion:
 def _known(motion: Motion, up: str, how: str) -> Motion:
     skeleton = motion.skeleton
     conventions: Conventions = replace(skeleton.conventions, up=how)
-    return replace(motion, skeleton=replace(skeleton, up=up, conventions=conventions))
+    return motion.replace(skeleton=replace(skeleton, up=up, conventions=conventions))

@@ -6,7 +6,7 @@ read the table.
 """
 
 import zipfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
@@ -51,30 +51,34 @@ def reader(path: Path) -> Callable:
 
     **Raises:** :class:`MotionFileError` for a suffix that is not in the table.
     """
-    first, *others = _rows(path)
-    for row in others:
+    rows = _rows(path)
+    if not rows:
+        raise _unknown(path)
+    for row in rows[1:]:
         if row.knows is not None and _named(row.knows)(path):
             return _named(row.load)
-    return _named(first.load)
+    return _named(rows[0].load)
 
 
 def writer(path: Path) -> Callable[..., None]:
     """The function that writes a file of that suffix; errors as :func:`reader`."""
-    return next(_named(row.save) for row in _rows(path) if row.save is not None)
+    for row in _rows(path):
+        if row.save is not None:
+            return _named(row.save)
+    raise _unknown(path)
 
 
 def files_of(path: Path) -> list[Path]:
     """The files that a motion is written to."""
-    beside = {row.beside for row in FORMATS if row.suffix == path.suffix.lower()} - {None}
-    return [path, *(path.with_suffix(suffix) for suffix in beside if suffix is not None)]
+    return [path, *(path.with_suffix(row.beside) for row in _rows(path) if row.beside)]
 
 
 def may_hold_a_motion(path: Path) -> bool:
     """Whether a file found in a folder is one to read: of a suffix of the table, and an archive
     with the arrays of a motion. What cannot be looked into is: reading it will tell."""
-    rows = [row for row in FORMATS if row.suffix == path.suffix.lower()]
-    wanted: Iterable[frozenset[str]] = (names for row in rows for names in row.arrays)
-    if not any(row.arrays for row in rows):
+    rows = _rows(path)
+    wanted = [names for row in rows for names in row.arrays]
+    if not wanted:
         return bool(rows)
     try:
         with zipfile.ZipFile(path) as archive:
@@ -86,9 +90,11 @@ def may_hold_a_motion(path: Path) -> bool:
 
 def _rows(path: Path) -> list[Format]:
     suffix = path.suffix.lower()
-    rows = [row for row in FORMATS if row.suffix == suffix]
-    if rows:
-        return rows
+    return [row for row in FORMATS if row.suffix == suffix]
+
+
+def _unknown(path: Path) -> MotionFileError:
+    suffix = path.suffix.lower()
     main = [row.suffix for row in FORMATS if row.beside == suffix]
     hint = "give one of those suffixes"
     if main:
@@ -98,7 +104,7 @@ def _rows(path: Path) -> list[Format]:
         for row in FORMATS
     )
     *others, last = listed
-    raise MotionFileError(
+    return MotionFileError(
         path,
         f"the suffix {suffix!r}" if suffix else "no suffix",
         expected=f"{', '.join(others)} or {last}",

@@ -128,11 +128,9 @@ def load_npz(
 def _at_rate(motion: Motion, seconds: float) -> Motion:
     skeleton = motion.skeleton
     told = replace(skeleton.conventions, frame_time="told")
-    return replace(
-        motion,
+    return motion.replace(
         skeleton=replace(skeleton, conventions=told),
         frame_time=jnp.full_like(motion.frame_time, seconds),
-        frame_time_text=None,
     )
 
 

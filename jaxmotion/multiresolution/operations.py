@@ -122,11 +122,4 @@ def _blend(reference: Pyramid, first: Pyramid, second: Pyramid) -> Motion:
 
 def with_moving_joints(motion: Motion, joints: tuple[int, ...]) -> Motion:
     """The motion, its translated joints said to be these."""
-    return Motion(
-        motion.skeleton,
-        motion.translations,
-        motion.rotations,
-        motion.frame_time,
-        translated_joints=joints,
-        frame_time_text=motion.frame_time_text,
-    )
+    return motion.replace(translated_joints=joints)

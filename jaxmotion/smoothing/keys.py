@@ -66,8 +66,7 @@ def suggest_keys(
             f"candidates are {allowed.dtype} {allowed.shape}: want bool ({frames},), one a frame"
         )
     message = f"candidates hold fewer than n={n} frames"
-    suggestions = _suggest(posterior, n, allowed)
-    return require(suggestions, jnp.sum(allowed) < n, message)
+    return _suggest(require(posterior, jnp.sum(allowed) < n, message), n, allowed)
 
 
 @eqx.filter_jit

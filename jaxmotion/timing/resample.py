@@ -175,8 +175,9 @@ def read_motion(
         translations, rotations = in_buckets(translations, rotations)
         reading = _padded(reading, rotations.shape[0] - 1, bucket_size(wanted))
     h, interval, fraction = map(jnp.asarray, reading)
-    place = _place(translations[:, moved])
-    translations = translations[:, moved] - place
+    translations = translations[:, moved]
+    place = _place(translations)
+    translations = translations - place
     if method == "slerp":
         poses = _slerp(translations, rotations, interval, fraction)
     else:
@@ -187,14 +188,9 @@ def read_motion(
         poses = _read(h, *curve, interval, fraction, len(moved))
     new_translations, new_rotations = (part[:wanted] for part in poses)
     still = jnp.broadcast_to(motion.translations[:1], (wanted, motion.num_joints, 3))
-    return Motion(
-        motion.skeleton,
-        still.at[:, moved].set(place + new_translations),
-        new_rotations,
-        frame_time,
-        translated_joints=motion.translated_joints,
-        frame_time_text=motion.frame_time_text if frame_time is motion.frame_time else None,
-    )
+    rate = {} if frame_time is motion.frame_time else {"frame_time": frame_time}
+    new_translations = still.at[:, moved].set(place + new_translations)
+    return motion.replace(translations=new_translations, rotations=new_rotations, **rate)
 
 
 @jax.jit
