@@ -76,7 +76,8 @@ def traced(*values: Any) -> bool:
 
 
 def known(value: ArrayLike) -> AnyArray:
-    """``value`` as an array: NumPy's, unless it is traced."""
+    """``value`` as an array: NumPy's, unless it is traced. Ask this of what is checked, as under
+    ``jit`` whatever ``jax.numpy`` computes is traced, also from what is known."""
     return value if isinstance(value, Tracer) else np.asarray(value)  # type: ignore[return-value]
 
 

@@ -216,6 +216,8 @@ def test_what_is_known_to_be_wrong_is_a_value_error(what):
     for array in (lambda x: x, np.asarray, jnp.asarray):
         with pytest.raises(ValueError, match=r"must|expected|want"):
             _KNOWN[what](array)
+    with pytest.raises(ValueError, match=r"must|expected|want"):  # while something else is traced
+        jax.eval_shape(lambda _: (_KNOWN[what](lambda x: x), 0.0)[1], 0.0)
 
 
 def test_lengths_of_dtw_are_those_there_are():

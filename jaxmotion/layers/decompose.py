@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
-from jaxmotion._checks import counted, one_of, require
+from jaxmotion._checks import counted, known, one_of, require
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, ScalarLike
@@ -97,10 +97,11 @@ def decompose(
     one_of("decompose: scope", scope, ("global", "per_joint"))
     check_method(method, "decompose")
     motion, weights = checked_weights(motion, weights, length, "decompose")
-    gamma, lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (gamma, lam_c, sigma_c))
-    outside = ~((gamma > 0) & (gamma < np.pi))
+    angle = known(gamma)
+    outside = ~((angle > 0) & (angle < np.pi))
     message = "decompose: gamma must be an angle between 0 and π"
     motion = require(motion, outside, message, got=gamma)
+    gamma, lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (gamma, lam_c, sigma_c))
     return _decompose(motion, weights, gamma, lam_c, sigma_c, scope, order, tune, method)
 
 

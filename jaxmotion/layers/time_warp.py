@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion, spacetime
-from jaxmotion._checks import require, traced
+from jaxmotion._checks import known, require, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts, detect
@@ -169,17 +169,17 @@ def _knots_of_pairs(pairs: ArrayLike, motion: Motion) -> tuple[Array, Array]:
     given = given / frame_time
     if not unknown and given[0, 0] == given[0, 1] == 0:
         given = given[1:]
-    known = xp.concatenate([xp.zeros((1, 2), given.dtype), given])
-    if unknown or known[-1, 0] < end - _NEARLY:  # the clip runs on at its own speed
-        onward = known[-1:] + (end - known[-1, 0])
-        known = xp.concatenate([known, onward])
-    wrong = (xp.diff(known, axis=0) <= 0).any() | ~xp.isfinite(known).all()
-    wrong = wrong | (known[-1, 0] > end + _NEARLY)
+    knots = xp.concatenate([xp.zeros((1, 2), given.dtype), given])
+    if unknown or knots[-1, 0] < end - _NEARLY:  # the clip runs on at its own speed
+        onward = knots[-1:] + (end - knots[-1, 0])
+        knots = xp.concatenate([knots, onward])
+    wrong = (xp.diff(knots, axis=0) <= 0).any() | ~xp.isfinite(knots).all()
+    wrong = wrong | (knots[-1, 0] > end + _NEARLY)
     message = "time_warp: pairs must increase in both columns, from 0 to the end of the clip"
     if not unknown:
         message = f"{message}, {end * frame_time:g} s"
-    known = require(known, wrong, message, got=pairs)
-    source, warped = jnp.asarray(known, motion.dtype).T
+    knots = require(knots, wrong, message, got=pairs)
+    source, warped = jnp.asarray(knots, motion.dtype).T
     return warped, source
 
 
@@ -202,5 +202,6 @@ def _concrete(duration: ScalarLike) -> float:
 
 def _checked_amount(amount: ScalarLike, dtype) -> Array:
     message = "time_warp: amount must be 0 or more"
-    value = jnp.asarray(amount, dtype)
-    return require(value, ~((value >= 0) & (value < np.inf)), message, got=amount)
+    share = known(amount)
+    wrong = ~((share >= 0) & (share < np.inf))
+    return require(jnp.asarray(amount, dtype), wrong, message, got=amount)

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import require
+from jaxmotion._checks import known, require
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
 from jaxmotion.frames.ends import steps_around
 from jaxmotion.motion import Motion
@@ -104,12 +104,10 @@ def _step_weights(mask: ArrayLike, frames: int, dtype) -> Array:
             f"mask has shape {shape}; expected an odd number of coefficients, (2k + 1,) or "
             f"({frames}, 2k + 1) with a row a frame"
         )
-    mask = jnp.asarray(mask, dtype)
-    sums = jnp.sum(mask, axis=-1)
-    wrong = ~jnp.all(jnp.abs(sums - 1) <= 1e-4)
-    mask = require(
-        mask, wrong, "filter_motion: the mask must sum to 1, so that poses stay", got=sums
-    )
+    sums = known(mask).sum(-1)
+    wrong = ~(abs(sums - 1) <= 1e-4).all()
+    message = "filter_motion: the mask must sum to 1, so that poses stay"
+    mask = require(jnp.asarray(mask, dtype), wrong, message, got=sums)
     half = shape[-1] // 2
     left = -jnp.cumsum(mask[..., :half], axis=-1)
     right = jnp.flip(jnp.cumsum(jnp.flip(mask[..., half + 1 :], -1), axis=-1), -1)

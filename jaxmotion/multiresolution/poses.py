@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import require
-from jaxmotion._types import AnyArray
+from jaxmotion._checks import known, require
+from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.displacement import Displacement
 from jaxmotion.frames.count import step_mask
 from jaxmotion.motion import Motion
@@ -117,18 +117,20 @@ def check_single(motion: Motion, caller: str) -> None:
 
 
 def checked_times(
-    times: Times | None, frames: int, dtype, caller: str, count: Array | None = None
+    times: Times | None, frames: int, dtype, caller: str, length: ScalarLike | None = None
 ) -> Array | None:
-    """Times in the motion's dtype, one a frame, increasing over the ``count`` that count (None for
-    all): ``ValueError``, or an error at run time for traced ones."""
+    """Times in the motion's dtype, one a frame, increasing over the ``length`` frames that count
+    (None for all): ``ValueError``, or an error at run time for traced ones."""
     if times is None:
         return None
     if np.shape(times) != (frames,):
         raise ValueError(
             f"{caller}: times has shape {np.shape(times)}; expected ({frames},), one a frame"
         )
-    times = jnp.asarray(times, dtype)
-    falling = ~(times[1:] > times[:-1])
-    if count is not None:
-        falling = falling & step_mask(count, frames)
-    return require(times, jnp.any(falling), f"{caller}: times must increase from frame to frame")
+    given = known(times).astype(dtype)
+    falling = ~(given[1:] > given[:-1])
+    if length is not None:
+        count = known(length)
+        falling = falling & (np.arange(1, frames, dtype=count.dtype) < count)
+    message = f"{caller}: times must increase from frame to frame"
+    return require(jnp.asarray(given), falling.any(), message)

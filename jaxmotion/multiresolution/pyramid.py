@@ -108,7 +108,7 @@ def build_pyramid(
     if length is not None:
         count, motion = counted("build_pyramid: length", length, motion.num_frames, motion)
         count = count.astype(int)
-    times = checked_times(times, motion.num_frames, motion.dtype, "build_pyramid", count)
+    times = checked_times(times, motion.num_frames, motion.dtype, "build_pyramid", length)
     return _build(motion, levels, times, lazy, count)
 
 

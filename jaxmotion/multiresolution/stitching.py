@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmotion import quaternion, spacetime
-from jaxmotion._checks import require, traced
+from jaxmotion._checks import known, require, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion.contacts import Contacts
 from jaxmotion.displacement import Displacement
@@ -247,7 +247,7 @@ def _checked_second(first: Motion, second: Motion) -> Motion:
             f"stitch: the clips have different joints, {list(first.skeleton.names)} and "
             f"{list(second.skeleton.names)}"
         )
-    one, other = jnp.asarray(first.frame_time), jnp.asarray(second.frame_time)
+    one, other = known(first.frame_time), known(second.frame_time)
     message = "stitch: the clips must have one frame time; resample one of them"
     got = f"{one} and {other}"
     return require(second, abs(one - other) > 1e-4 * one, message, got=got)

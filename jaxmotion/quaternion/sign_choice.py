@@ -21,6 +21,7 @@ through the choice. Source: Eom et al. 2019, Fig. 8, whose rule is not given.
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Float, Int
 
 from jaxmotion._checks import counted
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
@@ -44,14 +45,19 @@ def least_energy_signs(
     if times.shape != (n,):
         raise ValueError(f"times has shape {times.shape}; want ({n},), one a quaternion")
     count, q = counted("least_energy_signs: length", length, n, q)
-    return _signed(q, times, count) if n > 2 else align_signs(q)
+    return signed(q, times, count)
 
 
 @jax.jit
-def _signed(q, times, length):
+def signed(
+    q: Quaternion, times: Float[Array, " key"], count: Int[Array, ""]
+) -> Float[Array, "key ... 4"]:
+    """:func:`least_energy_signs` of as many keys as there are, for callers who know it."""
     near = align_signs(q)
+    if q.shape[0] < 3:
+        return near
     h = jnp.diff(times).reshape(q.shape[0] - 1, *[1] * (q.ndim - 2))
-    turned = _turned(*lax.stop_gradient((near, h)), length)
+    turned = _turned(*lax.stop_gradient((near, h)), count)
     signs = jnp.cumprod(jnp.where(turned, -1, 1).astype(q.dtype), axis=0)
     return jnp.concatenate([near[:1], signs[..., None] * near[1:]])
 

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Bool, PRNGKeyArray, UInt32
 
 from jaxmotion import quaternion
-from jaxmotion._checks import require
+from jaxmotion._checks import known, require
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import ScalarLike
 from jaxmotion.motion import Motion
@@ -149,12 +149,12 @@ def replace_where(motion, mask, rotations) -> Corrupted:
 
 def _not_negative(who: str, motion: Motion, **amounts: ScalarLike) -> Motion:
     for name, value in amounts.items():
-        wrong = ~jnp.all(jnp.asarray(value) >= 0)
+        wrong = ~(known(value) >= 0).all()
         motion = require(motion, wrong, f"{who}: {name} must be 0 or more", got=value)
     return motion
 
 
 def _with_share(who: str, motion: Motion, rate: ScalarLike) -> Motion:
-    share = jnp.asarray(rate)
-    wrong = ~jnp.all((share >= 0) & (share <= 1))
+    share = known(rate)
+    wrong = ~((share >= 0) & (share <= 1)).all()
     return require(motion, wrong, f"{who}: rate must be a share from 0 to 1", got=rate)

@@ -26,7 +26,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxmotion._checks import require
+from jaxmotion._checks import known, require
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg import (
@@ -60,13 +60,13 @@ def suggest_keys(
     frames = posterior.mean.shape[0]
     if not 1 <= n <= frames:
         raise ValueError(f"n={n}: want from 1 to {frames}, the number of frames")
-    allowed = jnp.asarray(np.ones(frames, bool) if candidates is None else candidates)
+    allowed = known(np.ones(frames, bool) if candidates is None else candidates)
     if allowed.shape != (frames,) or allowed.dtype != bool:
         raise ValueError(
             f"candidates are {allowed.dtype} {allowed.shape}: want bool ({frames},), one a frame"
         )
     message = f"candidates hold fewer than n={n} frames"
-    return _suggest(require(posterior, jnp.sum(allowed) < n, message), n, allowed)
+    return _suggest(require(posterior, allowed.sum() < n, message), n, jnp.asarray(allowed))
 
 
 @eqx.filter_jit

@@ -35,7 +35,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import one_of, raise_faults, require
+from jaxmotion._checks import known, one_of, raise_faults, require
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg.difference_chain import (
@@ -272,5 +272,6 @@ def _filtered(state: StreamState) -> tuple[Array, Array]:
 
 def _checked(name: str, value: ArrayLike) -> Array:
     array = value if isinstance(value, jax.Array) else jnp.asarray(value, jnp.result_type(float))
-    wrong = ~jnp.all((array > 0) & jnp.isfinite(array))
+    number = known(value)
+    wrong = ~((number > 0) & (number < np.inf)).all()
     return require(array, wrong, f"{name} must be positive and finite", got=value)

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import one_of, require
+from jaxmotion._checks import known, one_of, require
 from jaxmotion._numerics import safe_sqrt
 from jaxmotion._portable import Portable
 from jaxmotion._types import ScalarLike
@@ -74,10 +74,10 @@ def align(
     that leave no path.
     """
     one_of("align: method", method, ("dtw", "warping"))
-    smoothed = jnp.asarray(settle, source.dtype)
-    negative = ~((smoothed >= 0) & (smoothed < np.inf))
+    frames = known(settle)
+    negative = ~((frames >= 0) & (frames < np.inf))
     message = "align: settle must be 0 or more frames"
-    smoothed = require(smoothed, negative, message, got=settle)
+    smoothed = require(jnp.asarray(settle, source.dtype), negative, message, got=settle)
     x, y = _compared(source, reference)
     n, m = x.shape[0], y.shape[0]
     if method == "warping":

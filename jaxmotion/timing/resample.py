@@ -37,11 +37,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import one_of, require, traced
+from jaxmotion._checks import known, one_of, require, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.frames.padding import bucket_size, in_buckets
 from jaxmotion.motion import Motion
+from jaxmotion.quaternion.sign_choice import signed
 from jaxmotion.timing.spline import local_slopes, read_curve, smoothed_knots
 
 Method: TypeAlias = Literal["lgs", "slerp", "cubic"]
@@ -166,7 +167,7 @@ def read_motion(
             f"({motion.num_joints},), one a joint"
         )
     given, smoothing = smoothing, jnp.asarray(smoothing, motion.dtype)
-    negative = ~jnp.all(smoothing >= 0)
+    negative = ~(known(given) >= 0).all()
     motion = require(motion, negative, "resample: smoothing must be λσ of 0 or more", got=given)
     frames, wanted = motion.num_frames, reading.fraction.shape[0]
     moved = np.asarray(motion.translated_joints, np.int32)
@@ -217,7 +218,7 @@ def _curve(
     """Values and slopes of all channels at the poses given, each f[T, 3 moved + 4 J]."""
     if signs == "min_energy":
         times = jnp.concatenate([jnp.zeros(1, h.dtype), jnp.cumsum(h)])
-        rotations = quaternion.least_energy_signs(rotations, times, length=length)
+        rotations = signed(rotations, times, length)
     elif signs == "nearest":
         rotations = quaternion.align_signs(rotations)
     frames = rotations.shape[0]

@@ -312,6 +312,13 @@ def test_compiled_and_mapped():
         resample(both, num_frames=11)
 
 
+def test_what_is_known_is_not_checked_again_when_it_runs():
+    """A check at run time calls the host; that of the solver is the only one."""
+    motion = clip(40, 30)
+    program = jax.jit(lambda m: resample(m, num_frames=30).rotations).lower(motion).as_text()
+    assert program.count("call @branched_error_if_impl") == 1
+
+
 def test_one_compilation_serves_a_bucket_of_lengths():
     """Clips of 33 to 48 frames, to rates that give 25 to 48 frames."""
     counts = []
