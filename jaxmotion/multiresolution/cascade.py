@@ -12,10 +12,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from jaxmotion.multiresolution.kernels import Rotations
 from jaxmotion.multiresolution.levels import (
+    FinestLevel,
     Level,
     continued,
     expanded,
@@ -24,44 +25,37 @@ from jaxmotion.multiresolution.levels import (
 )
 from jaxmotion.multiresolution.poses import Poses
 from jaxmotion.multiresolution.rows import interleaved
+from jaxmotion.multiresolution.schedule import Schedule, level_sizes
 
 _LONG, _UNROLLED = 150, 6
 
 
-def level_sizes(frames: int, levels: int | None = None) -> list[int]:
-    """Frames of every level, fine to coarse, ``levels`` halvings or as far as 2."""
-    sizes = [frames]
-    while len(sizes) <= levels if levels is not None else sizes[-1] > 2:
-        sizes.append(sizes[-1] // 2 + 1)
-    return sizes
-
-
 def descend(
-    fine: Level, levels: int, lazy: bool, describe: Callable[[Poses, Poses], Any]
+    finest: FinestLevel, levels: int, lazy: bool, describe: Callable[[Poses, Poses], Any]
 ) -> tuple[Level, list[Any]]:
     """Halve ``levels`` times. ``describe(poses, expanded)`` is what is kept of each level (lazy:
     of its odd frames), fine to coarse."""
-    sizes = level_sizes(len(fine.rotations.turn[0]), levels)
+    sizes = level_sizes(finest.rotations.num_frames, levels)
     kept = []
 
-    def halved(fine: Level):
+    def halved(fine: Level | FinestLevel) -> tuple[Level, Any]:
         coarse = reduced(fine, smooth=not lazy)
         spacing = None if fine.spacing is None else continued(fine.spacing, fine.count)
         even, odd = expanded(coarse, spacing)
         poses = fine.translations, fine.rotations
-        rows = len(fine.rotations.turn[0])
+        rows = fine.rotations.num_frames
         if lazy:
             return coarse, describe(jax.tree.map(lambda x: x[1::2], poses), odd)
         return coarse, describe(poses, merged(even, odd, rows))
 
-    unrolled = _unrolled(sizes)
+    unrolled, fine = _unrolled(sizes), finest
     for _ in range(unrolled):
         fine, description = halved(fine)
         kept.append(description)
+    if isinstance(fine, FinestLevel):  # the loop carries steps
+        fine = level_of(fine.translations, fine.rotations, fine.spacing, fine.count)
     if unrolled < levels:
-        if not isinstance(fine.turns, tuple):  # the loop carries steps
-            fine = level_of(fine.translations, fine.rotations, fine.spacing, fine.count)
-        rows = len(fine.rotations.turn[0])
+        rows = fine.rotations.num_frames
 
         def again(level: Level, _):
             coarse, description = halved(level)
@@ -84,7 +78,7 @@ def _unrolled(sizes: list[int]) -> int:
 
 def _padded_level(level: Level, rows: int) -> Level:
     """The level with ``rows`` frames, the last repeated or dropped."""
-    more = rows - len(level.rotations.turn[0])
+    more = rows - level.rotations.num_frames
 
     def fitted(part):
         return jax.tree.map(lambda x: _fitted(x, len(x) + more), part)
@@ -93,7 +87,7 @@ def _padded_level(level: Level, rows: int) -> Level:
     return Level(fitted(p), fitted(q), fitted(moves), fitted(turns), fitted(spacing), count)
 
 
-def _fitted(x: Array, rows: int) -> Array:
+def _fitted(x: Float[Array, "frame *rest"], rows: int) -> Float[Array, "row *rest"]:
     if len(x) >= rows:
         return x[:rows]
     return jnp.pad(x, ((0, rows - len(x)),) + ((0, 0),) * (x.ndim - 1), "edge")
@@ -103,17 +97,13 @@ def ascend(
     poses: Poses,
     data: list[Any],
     combine: Callable[[Poses, Any], tuple[Poses, Any]],
-    *,
-    frames: tuple[int, ...],
-    skips: tuple[int, ...],
-    counts: list[Array],
-    spacings: list[Array] | None,
-    lazy: bool,
+    schedule: Schedule,
 ) -> tuple[Poses, list[Any]]:
     """Double once for each entry of ``data``, coarse to fine. ``combine(expanded, datum)`` makes a
-    level's poses (lazy: its odd ones) and something to keep; data are f[T, J] or f[J]; ``counts``
-    and ``spacings`` are of all levels, base first. What is kept of the looped levels is padded."""
-    levels = len(data)
+    level's poses (lazy: its odd ones) and something to keep; data are f[T, J] or f[J]. What is kept
+    of the looped levels is padded."""
+    frames, skips, counts, spacings, lazy = schedule
+    levels = schedule.levels
     looped = levels - _unrolled(list(frames[::-1]))
     kept = []
 
@@ -182,5 +172,5 @@ def first_rows(poses: Poses, rows: int) -> Poses:
 def merged(even: Poses, odd: Poses, rows: int) -> Poses:
     """Even and odd frames in turn, the first ``rows`` of them."""
     (p, r), (new_p, new_r) = even, odd
-    q, turn = interleaved(r.q, new_r.q, rows), interleaved(r.turn, new_r.turn, rows)
-    return interleaved(p, new_p, rows), Rotations(q, turn)
+    rotations = Rotations(*(interleaved(x, y, rows) for x, y in zip(r, new_r, strict=True)))
+    return interleaved(p, new_p, rows), rotations

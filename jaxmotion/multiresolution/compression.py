@@ -25,8 +25,8 @@ from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
-from jaxmotion.multiresolution.cascade import ascend, descend, level_sizes
-from jaxmotion.multiresolution.levels import level_of
+from jaxmotion.multiresolution.cascade import ascend, descend
+from jaxmotion.multiresolution.levels import finest_level
 from jaxmotion.multiresolution.poses import (
     Poses,
     Times,
@@ -38,8 +38,10 @@ from jaxmotion.multiresolution.poses import (
     plus,
     poses_of,
     spacing_of,
+    translations_of,
 )
-from jaxmotion.multiresolution.pyramid import Pyramid, chains, level_count
+from jaxmotion.multiresolution.pyramid import Pyramid, level_count, schedule_of
+from jaxmotion.multiresolution.schedule import level_sizes
 from jaxmotion.quaternion.parts import together
 
 _LARGEST_CODE = 2**31 - 1
@@ -153,7 +155,8 @@ def _quantise(
     """The pyramid's base, the codes (whole numbers, not integers yet) and what they decode to."""
     moving = motion.translated_joints
     count = jnp.asarray(motion.num_frames, int)
-    fine = level_of(*poses_of(motion), spacing_of(times, count), count)
+    spacing = spacing_of(times, count)
+    fine = finest_level(translations_of(motion), motion.rotations, spacing, count)
     coarse, wanted = descend(fine, levels, True, lambda odd, _: odd)
     pyramid = Pyramid(
         base=motion_of((coarse.translations, coarse.rotations), motion, 2.0**levels),
@@ -180,17 +183,7 @@ def _quantise(
         )
         return plus(expanded, displacement, unscaled, moving), codes
 
-    counts, spacings = chains(pyramid)
-    poses, codes = ascend(
-        poses_of(pyramid.base),
-        wanted[::-1],
-        coded,
-        frames=pyramid.frames,
-        skips=pyramid.skips,
-        counts=counts,
-        spacings=spacings,
-        lazy=True,
-    )
+    poses, codes = ascend(poses_of(pyramid.base), wanted[::-1], coded, schedule_of(pyramid))
     odd = [size // 2 for size in pyramid.frames[1:]]
     cut = [
         (together(u)[:rows], together(v)[:rows]) for (u, v), rows in zip(codes, odd, strict=True)

@@ -69,8 +69,8 @@ def _orientation_filter(q: Array, weights: Array) -> Array:
     rotations = rotations_of(q)
     if len(q) < 2:
         return together(quaternions_of(rotations))
-    rotations, turns = steps(rotations)
-    change = tuple(_weighted(x, weights) for x in turns)
+    rotations, omega = steps(rotations)
+    change = tuple(_weighted(x, weights) for x in omega)
     unscaled = jnp.ones(q.shape[1:-1], q.dtype)
     return together(quaternions_of(aligned(turned(rotations, change, unscaled))))
 

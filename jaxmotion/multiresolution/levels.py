@@ -23,15 +23,19 @@ be traced, so that one compiled level serves clips, and levels, of many lengths;
 them hold anything finite. O(T·J).
 """
 
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Float, Int
 
+from jaxmotion._types import AnyArray
 from jaxmotion.frames.ends import mirrored_step
 from jaxmotion.multiresolution.kernels import (
+    FrameParts,
     Rotations,
+    StepParts,
     among,
     halfway,
     rotations_of,
@@ -41,43 +45,77 @@ from jaxmotion.multiresolution.kernels import (
     turned_by,
 )
 from jaxmotion.multiresolution.masks import divided_difference
-from jaxmotion.multiresolution.rows import Ends, every_second, window_sums
+from jaxmotion.multiresolution.rows import Ends, Weights, every_second, window_sums
 from jaxmotion.quaternion.parts import Parts, added, neighbours, scaled, subtracted
+
+Count: TypeAlias = Int[Array, ""]
+Spacing: TypeAlias = Float[Array, " step"]
 
 
 class Level(NamedTuple):
-    """Poses of one level: translations and rotations by component, f[T, J] each; their steps
-    ``moves`` and ``turns``, f[T − 1, J], zero from the last that counts; ``spacing`` h f[T − 1], or
-    None if even; ``count`` c. ``turns`` may also be the quaternions f[T, J, 4] that the rotations
-    are of: then a gradient keeps no steps, but computes them again."""
+    """Poses of one level with their steps.
 
-    translations: Parts
+    ``translations`` and ``rotations`` by component, f[T, J] each; ``moves`` and ``turns``: their
+    steps, f[T − 1, J], zero from the last that counts; ``spacing``: h f[T − 1], None if even;
+    ``count``: c.
+    """
+
+    translations: FrameParts
     rotations: Rotations
-    moves: Parts
-    turns: Parts | Array
-    spacing: Array | None
-    count: Array
+    moves: StepParts
+    turns: StepParts
+    spacing: Spacing | None
+    count: Count
+
+    def turning(self) -> tuple[Callable[[Any, Count], StepParts], Any]:
+        """How to make ``turns``, and of what: they are there."""
+        return (lambda turns, count: turns), self.turns
+
+
+class FinestLevel(NamedTuple):
+    """A :class:`Level` that has the quaternions that its rotations are of in place of ``turns``: a
+    gradient keeps no steps, but computes them again."""
+
+    translations: FrameParts
+    rotations: Rotations
+    moves: StepParts
+    quaternions: Float[Array, "frame joint 4"]
+    spacing: Spacing | None
+    count: Count
+
+    def turning(self) -> tuple[Callable[[Any, Count], StepParts], Any]:
+        """How to make ``turns``, and of what: quaternions, each time."""
+        return (lambda q, count: steps(rotations_of(q), count)[1]), self.quaternions
 
 
 def level_of(
-    translations: Parts,
-    rotations: Rotations,
-    spacing: Array | None,
-    count: Array,
-    given: Array | None = None,
+    translations: FrameParts, rotations: Rotations, spacing: Spacing | None, count: Count
 ) -> Level:
-    """Poses with their steps, or with the quaternions ``given`` for them."""
-    before, after = neighbours(translations)
-    moves = among(count, subtracted(after, before))
-    if given is not None:
-        return Level(translations, rotations, moves, given, spacing, count)
+    """Poses with their steps."""
     rotations, turns = steps(rotations, count)
+    moves = _moves(translations, count)
     return Level(translations, rotations, moves, turns, spacing, count)
 
 
-def even_frames(fine: Level) -> tuple[Parts, Rotations, Array | None]:
+def finest_level(
+    translations: FrameParts,
+    quaternions: Float[AnyArray, "frame joint 4"],
+    spacing: Spacing | None,
+    count: Count,
+) -> FinestLevel:
+    """Poses that a pyramid begins with."""
+    q, moves = jnp.asarray(quaternions), _moves(translations, count)
+    return FinestLevel(translations, rotations_of(q), moves, q, spacing, count)
+
+
+def _moves(translations: FrameParts, count: Count) -> StepParts:
+    before, after = neighbours(translations)
+    return among(count, subtracted(after, before))
+
+
+def even_frames(fine: Level | FinestLevel) -> tuple[FrameParts, Rotations, Spacing | None]:
     """Every second pose and the spacing between them, f[T//2 + 1, J], continued past an even c."""
-    count, frames = fine.count, len(fine.rotations.turn[0])
+    count, frames = fine.count, fine.rotations.num_frames
     rows = min(frames, 3)
     start = jnp.maximum(count - rows, 0)
     past = mirrored_step(count - 1, count - 1) - start
@@ -87,14 +125,12 @@ def even_frames(fine: Level) -> tuple[Parts, Rotations, Array | None]:
             lambda x, row: _with_row(_room(x, frames // 2 + 1), count // 2, row), even, end
         )
 
-    def at(near: Any, index: Array) -> Any:
+    def at(near: Any, index: Int[Array, ""]) -> Any:
         return jax.tree.map(lambda x: x[jnp.minimum(index, rows - 1)][None], near)
 
     even_p, near_p = every_second(fine.translations, start, rows)
-    (even_q, near_q), (even_turn, near_turn) = (
-        every_second(x, start, rows) for x in fine.rotations
-    )
-    near_r = Rotations(near_q, near_turn)
+    pairs = [every_second(x, start, rows) for x in fine.rotations]
+    even_r, near_r = (Rotations(*x) for x in zip(*pairs, strict=True))
     last = count - 1 - start
     p, r = at(near_p, last), at(near_r, last)
     move = subtracted(at(near_p, past + 1), at(near_p, past))
@@ -102,39 +138,38 @@ def even_frames(fine: Level) -> tuple[Parts, Rotations, Array | None]:
     odd, beyond = count % 2 == 1, (added(p, move), turned(r, turn))
     end_p, end_r = jax.tree.map(lambda a, b: jnp.where(odd, a, b), (p, r), beyond)
     spacing = None if fine.spacing is None else coarser_spacing(fine.spacing, count)
-    return ended(even_p, end_p), ended(Rotations(even_q, even_turn), end_r), spacing
+    return ended(even_p, end_p), ended(even_r, end_r), spacing
 
 
-def coarser_spacing(spacing: Array, count: Array) -> Array:
+def coarser_spacing(spacing: Spacing, count: Count) -> Float[Array, " coarser"]:
     """Spacing of every second frame: f[T − 1] to f[T//2]."""
     h = continued(spacing, count)
     return h[::2] + h[1::2]
 
 
-def continued(spacing: Array, count: Array) -> Array:
+def continued(spacing: Spacing, count: Count) -> Float[Array, " continued"]:
     """Spacing of all frames between the first and the last of :func:`even_frames`: f[T − 1] to
     f[2(T//2)]."""
     return _mirrored(spacing, count)[2 : 2 + 2 * ((spacing.shape[0] + 1) // 2)]
 
 
-def reduced(fine: Level, *, smooth: bool = True) -> Level:
+def reduced(fine: Level | FinestLevel, *, smooth: bool = True) -> Level:
     """R, or without ``smooth`` only its even frames: T to T//2 + 1 frames."""
     p, rotations, spacing = even_frames(fine)
     if smooth:
         weights = _reduction_weights(fine.spacing, fine.count, len(p[0]))
         ends = _mirrored_ends(len(fine.moves[0]), fine.count, p[0].dtype)
         p = added(p, window_sums(fine.moves, weights, ends, 2))
-        rotations = turned_by(rotations, *_made_of(fine.turns, weights, ends, 2))
+        rotations = turned_by(rotations, *_window_sums_of(*fine.turning(), weights, ends, 2))
     return level_of(p, rotations, spacing, fine.count // 2 + 1)
 
 
 def expanded(
-    coarse: Level, fine_spacing: Array | None
-) -> tuple[tuple[Parts, Rotations], tuple[Parts, Rotations]]:
+    coarse: Level, fine_spacing: Float[Array, " fine"] | None
+) -> tuple[tuple[FrameParts, Rotations], tuple[StepParts, Rotations]]:
     """E's even poses, those of a level of K frames, and its new ones between each two, f[K − 1, J];
     ``fine_spacing`` f[2(K − 1)] of the frames that come out, :func:`continued`, if uneven."""
-    p, count, turns = tuple(x[:-1] for x in coarse.translations), coarse.count, coarse.turns
-    assert isinstance(turns, tuple)
+    p, count = tuple(x[:-1] for x in coarse.translations), coarse.count
     if fine_spacing is None:
         tau, weights, outer = 0.5, (1 / 16, 0.0, -1 / 16), _even_ends(count, p[0].dtype)
     else:
@@ -142,34 +177,35 @@ def expanded(
     ends = _drawn_ends(len(p[0]), count, outer)
     p = added(p, scaled(tau, coarse.moves))
     p = added(p, window_sums(coarse.moves, weights, ends))
-    change = _made_of(turns, weights, ends)
+    change = _window_sums_of(*coarse.turning(), weights, ends)
     if fine_spacing is None:
-        even, odd = halfway(coarse.rotations, turns, *change)
+        even, odd = halfway(coarse.rotations, coarse.turns, *change)
         return (coarse.translations, even), (p, odd)
     before = jax.tree.map(lambda x: x[:-1], coarse.rotations)
-    middle = turned(before, scaled(tau, turns))
+    middle = turned(before, scaled(tau, coarse.turns))
     return (coarse.translations, coarse.rotations), (p, turned_by(middle, *change))
 
 
-def _made_of(turns: Parts | Array, weights: tuple, ends: Ends, stride: int = 1) -> tuple:
-    """:func:`window_sums` as :func:`turned_by` takes it: a function, what its derivative goes
-    through, and what else it is given. Weights that are numbers have no derivative."""
+def _window_sums_of(
+    turns: Callable[[Any, Count], StepParts], source: Any, weights: Weights, ends: Ends, stride=1
+) -> tuple[Callable[..., Parts], tuple, tuple]:
+    """:func:`window_sums` of turns(source) as :func:`turned_by` takes it: a function, what its
+    derivative goes through, and what else it is given. Weights that are numbers have no
+    derivative."""
 
-    def sums(turns: Parts | Array, weights: tuple, ends: Ends) -> Parts:
-        if not isinstance(turns, tuple):
-            _, turns = steps(rotations_of(turns), ends.stop + 1)
-        return window_sums(turns, weights, ends, stride)
+    def sums(source: Any, weights: Weights, ends: Ends) -> Parts:
+        return window_sums(turns(source, ends.stop + 1), weights, ends, stride)
 
     if isinstance(weights[0], float):
-        return lambda turns, ends: sums(turns, weights, ends), (turns,), (ends,)
+        return lambda source, ends: sums(source, weights, ends), (source,), (ends,)
 
-    def uneven(turns: Parts | Array, weights: tuple, near: tuple, *where: Array) -> Parts:
-        return sums(turns, weights, Ends(*near, *where))
+    def uneven(source: Any, weights: Weights, near: tuple, *where: Count) -> Parts:
+        return sums(source, weights, Ends(*near, *where))
 
-    return uneven, (turns, weights, ends[:2]), ends[2:]
+    return uneven, (source, weights, ends[:2]), ends[2:]
 
 
-def _mirrored(spacing: Array, count: Array) -> Array:
+def _mirrored(spacing: Spacing, count: Count) -> Float[Array, " longer"]:
     """Spacings −2 … of a clip of ``count`` frames, first continued by one if they are even, then
     mirrored: two in front and three behind the buffer's."""
     before, behind = _mirrored_steps(count)
@@ -178,7 +214,7 @@ def _mirrored(spacing: Array, count: Array) -> Array:
     return jax.lax.dynamic_update_slice(longer, spacing[behind], (count + 1,))
 
 
-def _mirrored_steps(count: Array) -> tuple[Array, Array]:
+def _mirrored_steps(count: Count) -> tuple[Int[Array, "2"], Int[Array, "3"]]:
     """Which of a clip's steps stand for the two before the first and the three after the last."""
     real = count - 1
     whole = real + 1 - count % 2
@@ -188,7 +224,7 @@ def _mirrored_steps(count: Array) -> tuple[Array, Array]:
     return mirrored_step(before, real), mirrored_step(behind, real)
 
 
-def _mirrored_ends(steps: int, count: Array, dtype) -> Ends:
+def _mirrored_ends(steps: int, count: Count, dtype) -> Ends:
     """The same as weights of the steps near each end."""
     before, behind = _mirrored_steps(count)
     near = jnp.arange(min(steps, 5))
@@ -197,17 +233,19 @@ def _mirrored_ends(steps: int, count: Array, dtype) -> Ends:
     return Ends(front, back, start, count - 1)
 
 
-def _room(x: Array, rows: int) -> Array:
+def _room(x: Float[Array, "frame joint"], rows: int) -> Float[Array, "row joint"]:
     """The first ``rows`` rows, the last repeated if there are fewer."""
     missing = rows - x.shape[0]
     return jnp.concatenate([x, x[-1:]]) if missing == 1 else x[:rows]
 
 
-def _with_row(x: Array, row: Array, value: Array) -> Array:
+def _with_row(
+    x: Float[Array, "row *rest"], row: Int[Array, ""], value: Float[Array, "1 *rest"]
+) -> Float[Array, "row *rest"]:
     return jax.lax.dynamic_update_slice_in_dim(x, value, row, 0)
 
 
-def _reduction_weights(spacing: Array | None, count: Array, rows: int) -> tuple:
+def _reduction_weights(spacing: Spacing | None, count: Count, rows: int) -> Weights:
     """b₋₂ … b₁ of the mask: numbers, or f[rows, 1] for uneven spacing."""
     if spacing is None:
         return 1 / 24, -3 / 24, 3 / 24, -1 / 24
@@ -220,7 +258,9 @@ def _reduction_weights(spacing: Array | None, count: Array, rows: int) -> tuple:
     return tuple(b[:, None] for b in (-left, -left - a[:, 1], a[:, 3] + right, right))
 
 
-def _drawn_ends(steps: int, count: Array, outer: tuple[Array, Array]) -> Ends:
+def _drawn_ends(
+    steps: int, count: Count, outer: tuple[Float[Array, "3"], Float[Array, "3"]]
+) -> Ends:
     """One step beyond each end; ``outer``: weights f[3] of the three steps next to each."""
     real = count - 1
     near, inward = jnp.arange(min(steps, 3)), jnp.arange(3)
@@ -234,14 +274,16 @@ def _drawn_ends(steps: int, count: Array, outer: tuple[Array, Array]) -> Ends:
     return Ends(front, back, start, real)
 
 
-def _even_ends(count: Array, dtype) -> tuple[Array, Array]:
+def _even_ends(count: Count, dtype) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
     """Weights of the steps beyond the ends: cubic, quadratic or straight by the number of steps."""
     table = jnp.asarray([[1, 0, 0], [1, 0, 0], [2, -1, 0], [3, -3, 1]], dtype)
     weights = table[jnp.clip(count - 1, 0, 3)]
     return weights, weights
 
 
-def _uneven_weights(coarse: Level, fine_spacing: Array):
+def _uneven_weights(
+    coarse: Level, fine_spacing: Float[Array, " fine"]
+) -> tuple[Float[Array, "step 1"], Weights, tuple[Float[Array, "3"], Float[Array, "3"]]]:
     """τ f[K − 1, 1], the three weights of a correction likewise, and those of the ends."""
     assert coarse.spacing is not None
     h, real = coarse.spacing, coarse.count - 1
@@ -261,7 +303,7 @@ def _uneven_weights(coarse: Level, fine_spacing: Array):
     return tau[:, None], tuple(w[:, None] for w in weights), (front, back)
 
 
-def _uneven_end(h: Array, real: Array) -> Array:
+def _uneven_end(h: Float[Array, "3"], real: Count) -> Float[Array, "3"]:
     """Weights of the three steps inward for the one step beyond an end, as long as the last one."""
     knots = jnp.stack([jnp.zeros_like(h[0]), h[0], h[0] + h[1], h[0] + h[1] + h[2]])
     rows = [jnp.asarray([1, 0, 0], h.dtype)]
@@ -272,7 +314,9 @@ def _uneven_end(h: Array, real: Array) -> Array:
     return jnp.stack(rows)[jnp.clip(real - 1, 0, 2)]
 
 
-def _lagrange(knots: Array, at: Array) -> list[Array]:
+def _lagrange(
+    knots: Float[Array, "knot *rest"], at: Float[Array, "*rest"]
+) -> list[Float[Array, "*rest"]]:
     """Lagrange's coefficients on knots [n, ...] at a time [...]."""
     n = knots.shape[0]
     coefficients = []

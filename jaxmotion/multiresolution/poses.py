@@ -5,21 +5,28 @@ from typing import TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxmotion._checks import known, require
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.displacement import Displacement
 from jaxmotion.frames.count import step_mask
 from jaxmotion.motion import Motion
-from jaxmotion.multiresolution.kernels import Rotations, quaternions_of, rotations_of, step, turned
+from jaxmotion.multiresolution.kernels import (
+    FrameParts,
+    Rotations,
+    aligned,
+    quaternions_of,
+    rotations_of,
+    step,
+    turned,
+)
 from jaxmotion.quaternion.parts import (
     Parts,
     added,
     conjugate,
     parts_of,
     rotated,
-    running_signs,
     scaled,
     subtracted,
     together,
@@ -37,7 +44,9 @@ def minus(poses: Poses, reference: Poses, moving: tuple[int, ...]) -> Vectors:
     return rotated(conjugate(_of(r, moving)), subtracted(p, e)), step(r, q, 0.5)
 
 
-def plus(poses: Poses, displacement: Vectors, gains: Array, moving: tuple[int, ...]) -> Poses:
+def plus(
+    poses: Poses, displacement: Vectors, gains: Float[Array, " joint"], moving: tuple[int, ...]
+) -> Poses:
     """poses ⊕ gains · displacement in the body sense (Lee & Shin, Eq. 2); ``gains`` f[J]."""
     (p, r), (u, v) = poses, displacement
     u = scaled(gains[np.asarray(moving, int)], u)
@@ -46,45 +55,46 @@ def plus(poses: Poses, displacement: Vectors, gains: Array, moving: tuple[int, .
 
 def _of(rotations: Rotations, joints: tuple[int, ...]) -> Parts:
     """The quaternions of some joints."""
-    everyone = joints == tuple(range(rotations.q[0].shape[1]))
+    everyone = joints == tuple(range(rotations.tangent[0].shape[1]))
     some = slice(None) if everyone else np.asarray(joints, int)
     return quaternions_of(jax.tree.map(lambda x: x[:, some], rotations))
 
 
-def spacing_of(times: Array | None, count: Array) -> Array | None:
+def spacing_of(
+    times: Float[AnyArray, " time"] | None, count: Int[Array, ""]
+) -> Float[Array, " step"] | None:
     """Time from frame to frame, 1 past the frames that count."""
     if times is None:
         return None
+    times = jnp.asarray(times)
     return jnp.where(step_mask(count, len(times)), times[1:] - times[:-1], 1)
 
 
 def poses_of(motion: Motion) -> Poses:
     """A motion's transforms by component, translations of its translated joints only."""
+    return translations_of(motion), rotations_of(motion.rotations)
+
+
+def translations_of(motion: Motion) -> FrameParts:
+    """Translations of the translated joints by component."""
     moving = np.asarray(motion.translated_joints, int)
-    p = jnp.asarray(motion.translations)[:, moving]
-    return parts_of(p), rotations_of(motion.rotations)
+    return parts_of(jnp.asarray(motion.translations)[:, moving])
 
 
 def motion_of(poses: Poses, like: Motion, rate: float, text: str | None = None) -> Motion:
     """A motion from transforms by component, its frame time that of ``like`` times ``rate``; joints
     that are not translated stay where they are in ``like``."""
     p, rotations = poses
-    frames = len(rotations.turn[0])
-    still = jnp.asarray(like.translations)[:1]
+    frames = rotations.num_frames
+    rest = jnp.asarray(like.translations)[:1]
     return Motion(
         like.skeleton,
-        spread(p, like.translated_joints, jnp.broadcast_to(still, (frames, *still.shape[1:]))),
+        spread(p, like.translated_joints, jnp.broadcast_to(rest, (frames, *rest.shape[1:]))),
         together(quaternions_of(aligned(rotations))),
         jnp.asarray(rate, like.dtype) * like.frame_time,
         translated_joints=like.translated_joints,
         frame_time_text=text,
     )
-
-
-def aligned(rotations: Rotations) -> Rotations:
-    """The same rotations, neighbours in time in one hemisphere."""
-    q = jax.lax.stop_gradient(rotations.q)
-    return Rotations(scaled(running_signs(q), q), rotations.turn)
 
 
 def spread(

@@ -31,8 +31,8 @@ from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
-from jaxmotion.multiresolution.cascade import ascend, descend, level_sizes
-from jaxmotion.multiresolution.levels import coarser_spacing, level_of
+from jaxmotion.multiresolution.cascade import ascend, descend
+from jaxmotion.multiresolution.levels import finest_level
 from jaxmotion.multiresolution.poses import (
     Poses,
     Times,
@@ -46,6 +46,13 @@ from jaxmotion.multiresolution.poses import (
     plus,
     poses_of,
     spacing_of,
+    translations_of,
+)
+from jaxmotion.multiresolution.schedule import (
+    Schedule,
+    level_counts,
+    level_sizes,
+    level_spacings,
 )
 
 _SMALLEST_BASE = 4  # frames that a cubic needs
@@ -129,8 +136,8 @@ def _build(
     motion: Motion, levels: int, times: Array | None, lazy: bool, length: Array | None
 ) -> Pyramid:
     count = jnp.asarray(motion.num_frames, int) if length is None else length
-    given = jnp.asarray(motion.rotations)
-    fine = level_of(*poses_of(motion), spacing_of(times, count), count, given)
+    spacing = spacing_of(times, count)
+    fine = finest_level(translations_of(motion), motion.rotations, spacing, count)
     moving = motion.translated_joints
     coarse, details = descend(fine, levels, lazy, partial(minus, moving=moving))
     return Pyramid(
@@ -155,34 +162,14 @@ def synthesize(pyramid: Pyramid, gains: Float[Array, "level joint"]) -> Motion:
         displacement, gain = detail
         return plus(poses, displacement, gain, moving), None
 
-    counts, spacings = chains(pyramid)
-    poses, _ = ascend(
-        poses_of(pyramid.base),
-        list(zip(details, gains, strict=True)),
-        with_detail,
-        frames=pyramid.frames,
-        skips=pyramid.skips,
-        counts=counts,
-        spacings=spacings,
-        lazy=pyramid.lazy,
-    )
+    data = list(zip(details, gains, strict=True))
+    poses, _ = ascend(poses_of(pyramid.base), data, with_detail, schedule_of(pyramid))
     return motion_of(poses, pyramid.base, 0.5**pyramid.levels, pyramid.frame_time_text)
 
 
-def chains(pyramid: Pyramid) -> tuple[list[Array], list[Array] | None]:
-    """How many frames of each level count, and their spacing if uneven; base first."""
-    if pyramid.length is None:
-        counts = [jnp.asarray(n, int) for n in pyramid.frames]
-    else:
-        counts = [jnp.asarray(pyramid.length)]
-        for _ in range(pyramid.levels):
-            counts.append(counts[-1] // 2 + 1)
-        counts.reverse()
-    times = None if pyramid.times is None else jnp.asarray(pyramid.times)
-    spacing = spacing_of(times, counts[-1])
-    if spacing is None:
-        return counts, None
-    spacings = [spacing]
-    for count in counts[:0:-1]:
-        spacings.append(coarser_spacing(spacings[-1], count))
-    return counts, spacings[::-1]
+def schedule_of(pyramid: Pyramid) -> Schedule:
+    """How many frames each level has, how many count and how far apart they are."""
+    frames, length = pyramid.frames, pyramid.length
+    counts = level_counts(frames, None if length is None else jnp.asarray(length))
+    spacings = level_spacings(spacing_of(pyramid.times, counts[-1]), counts)
+    return Schedule(frames, pyramid.skips, counts, spacings, pyramid.lazy)

@@ -4,20 +4,23 @@
     interleaved   e₀ o₀ e₁ o₁ …
     window_sums   y_i = Σ_m w_m e_{stride·i + m},  e = x continued beyond both ends
 
-Each takes vectors by component, tuples of f[T, J]. JAX transposes every slice to the whole array
+Each takes vectors by component, f[T, J] each. JAX transposes every slice to the whole array
 padded with zeros, and XLA then looks at every element to see whether it is padding; here a
 transpose is one pass over the rows. O(T·J).
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Float, Int
 
 from jaxmotion._autodiff import linear
 from jaxmotion.quaternion.parts import Parts
+
+Rows: TypeAlias = Float[Array, "row joint"]
+Weights: TypeAlias = tuple[float, ...] | tuple[Float[Array, "row 1"], ...]
 
 _slice = partial(jax.lax.dynamic_slice_in_dim, axis=0)
 _update = partial(jax.lax.dynamic_update_slice_in_dim, axis=0)
@@ -27,13 +30,13 @@ class Ends(NamedTuple):
     """How x f[N, J] goes on, linearly: before its first row by F rows, ``front`` f[F, R] times its
     first R; and from row ``stop`` on by B, ``back`` f[B, R] times the R from ``start`` on."""
 
-    front: Array
-    back: Array
-    start: Array
-    stop: Array
+    front: Float[Array, "before near"]
+    back: Float[Array, "behind near"]
+    start: Int[Array, ""]
+    stop: Int[Array, ""]
 
 
-def every_second(x: Parts, start: Array, rows: int) -> tuple[Parts, Parts]:
+def every_second(x: Parts, start: Int[Array, ""], rows: int) -> tuple[Parts, Parts]:
     """Every second row from the first on, and ``rows`` rows from ``start`` on."""
 
     def change(start: Array, x: Parts) -> tuple[Parts, Parts]:
@@ -42,7 +45,9 @@ def every_second(x: Parts, start: Array, rows: int) -> tuple[Parts, Parts]:
     def pull(start: Array, pull: tuple[Parts, Parts]) -> tuple[Parts]:
         return (tuple(back(e, some, start) for e, some in zip(*pull, strict=True)),)
 
-    def back(even: Array, some: Array, start: Array) -> Array:
+    def back(
+        even: Float[Array, "half joint"], some: Float[Array, "near joint"], start: Array
+    ) -> Rows:
         whole = _merged(even, jnp.zeros_like(even[: len(x[0]) // 2]))
         return _added_rows(whole, some, start)
 
@@ -64,20 +69,18 @@ def interleaved(even: Parts, odd: Parts, rows: int) -> Parts:
     return linear(change, pull, (), (even, odd))
 
 
-def _longer(x: Array, rows: int) -> Array:
+def _longer(x: Float[Array, "given joint"], rows: int) -> Rows:
     """x with rows of zeros to have so many."""
     missing = rows - len(x)
     return jnp.concatenate([x, jnp.zeros((missing, *x.shape[1:]), x.dtype)]) if missing else x
 
 
-def _merged(even: Array, odd: Array) -> Array:
+def _merged(even: Float[Array, "even joint"], odd: Float[Array, "odd joint"]) -> Rows:
     pairs = jnp.stack([even[: len(odd)], odd], axis=1).reshape(-1, *even.shape[1:])
     return jnp.concatenate([pairs, even[len(odd) :]])
 
 
-def window_sums(
-    x: Parts, weights: tuple[float, ...] | tuple[Array, ...], ends: Ends, stride: int = 1
-) -> Parts:
+def window_sums(x: Parts, weights: Weights, ends: Ends, stride: int = 1) -> Parts:
     """Σ_m w_m e_{stride·i + m} for as many i as there are rows; ``stride`` 1 or 2. The weights are
     numbers (then ``ends`` pass no gradient), or f[rows, 1] where they differ by row."""
 
@@ -94,7 +97,7 @@ def window_sums(
     return linear(value, pull, (ends,), (x,))
 
 
-def _continued(x: Array, ends: Ends) -> Array:
+def _continued(x: Rows, ends: Ends) -> Float[Array, "longer joint"]:
     """x with F rows in front and room for B behind, all that ``ends`` says."""
     front, back = len(ends.front), len(ends.back)
     before = _combined(ends.front, x[: ends.front.shape[1]])
@@ -103,7 +106,7 @@ def _continued(x: Array, ends: Ends) -> Array:
     return _update(longer, beyond, ends.stop + front)
 
 
-def _pulled(pull: Array, ends: Ends) -> Array:
+def _pulled(pull: Float[Array, "longer joint"], ends: Ends) -> Rows:
     """The transpose of :func:`_continued`."""
     front, back = len(ends.front), len(ends.back)
     beyond = _slice(pull, ends.stop + front, back)
@@ -112,16 +115,18 @@ def _pulled(pull: Array, ends: Ends) -> Array:
     return _added_rows(x, _combined(ends.back.T, beyond), ends.start)
 
 
-def _added_rows(x: Array, rows: Array, start: Array | int) -> Array:
+def _added_rows(x: Rows, rows: Float[Array, "near joint"], start: Int[Array, ""] | int) -> Rows:
     return _update(x, _slice(x, start, len(rows)) + rows, start)
 
 
-def _combined(matrix: Array, rows: Array) -> Array:
+def _combined(
+    matrix: Float[Array, "out near"], rows: Float[Array, "near joint"]
+) -> Float[Array, "out joint"]:
     """matrix @ rows, of a handful of rows."""
     return jnp.sum(matrix[:, :, None] * rows, axis=1)
 
 
-def _sums(x: Array, weights: tuple, stride: int) -> Array:
+def _sums(x: Float[Array, "longer joint"], weights: Weights, stride: int) -> Rows:
     rows = (len(x) - len(weights)) // stride + 1
     return sum(
         (w * x[m : m + stride * (rows - 1) + 1 : stride] for m, w in enumerate(weights)),
@@ -129,7 +134,9 @@ def _sums(x: Array, weights: tuple, stride: int) -> Array:
     )
 
 
-def _spread(pull: Array, weights: list[float], stride: int, rows: int) -> Array:
+def _spread(
+    pull: Rows, weights: list[float], stride: int, rows: int
+) -> Float[Array, "longer joint"]:
     """The transpose of :func:`_sums` of so many rows."""
     if stride == 2:
         even = _spread(pull, weights[::2], 1, (rows + 1) // 2)
@@ -148,7 +155,7 @@ def _spread(pull: Array, weights: list[float], stride: int, rows: int) -> Array:
     return jnp.concatenate([front, inner, back, spare])
 
 
-def _padded_sum(pull: Array, weights: list[float]) -> Array:
+def _padded_sum(pull: Rows, weights: list[float]) -> Float[Array, "longer joint"]:
     """Σ_m w_m x_{k−m}, zeros before and after x."""
     reach = len(weights) - 1
     return sum(

@@ -34,10 +34,10 @@ from jaxmotion._file_facts import compiled
 from jaxmotion.contacts import Contacts
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
-from jaxmotion.multiresolution.cascade import level_sizes
 from jaxmotion.multiresolution.operations import with_moving_joints
 from jaxmotion.multiresolution.poses import check_single
 from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid
+from jaxmotion.multiresolution.schedule import level_sizes
 from jaxmotion.quaternion.arcs import twist
 
 _HALF_TRANSITION = 0.5  # seconds

@@ -7,6 +7,7 @@ slower on a CPU.
 """
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +15,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion._types import AnyArray
 
-Parts = tuple[Array, ...]
+Parts: TypeAlias = tuple[Float[Array, "..."], ...]
 
 
 def parts_of(x: Float[AnyArray, "*rest n"]) -> Parts:
