@@ -17,6 +17,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from jaxmotion._asf_bone import AsfBone
 from jaxmotion._checks import one_of
 from jaxmotion._file_facts import file_fact
 from jaxmotion._portable import Portable
@@ -50,21 +51,6 @@ class Conventions:
     metres: float | int | None = None
 
 
-class AsfBone(eqx.Module):
-    """What an ASF file says of a bone beyond its offset; one a joint, all static.
-
-    ``axis``: Euler angles in degrees of the bone's own frame C, in ``axis_order``;
-    ``direction`` and ``length``: of the bone, which ends where its children begin;
-    ``limits``: (low, high) per degree of freedom, in degrees.
-    """
-
-    axis: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
-    axis_order: str = eqx.field(static=True, default="XYZ")
-    direction: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
-    length: float = eqx.field(static=True, default=0.0)
-    limits: tuple[tuple[float, float], ...] = eqx.field(static=True, default=())
-
-
 class Skeleton(Portable):
     """Joint names, tree, offsets and end sites.
 
@@ -77,8 +63,8 @@ class Skeleton(Portable):
     - ``end_joints``: that joint's index, one an end site; static.
     - ``end_labels``: how the file spelt each ("End Site"); a file fact.
     - ``channels``: per joint, the file's channel names in order ("Zrotation"); a file fact.
-    - ``asf``: per joint an :class:`AsfBone` if the skeleton came from an ASF file, else (); a file
-      fact.
+    - ``asf``: per joint an :class:`~jaxmotion._asf_bone.AsfBone` if the skeleton came from an ASF
+      file, else (); a file fact.
     - ``up``: the axis that points up, "x", "y" or "z"; static.
     - ``length_unit``: what the file says of its unit of length (ASF's ``length``), else 1; static.
     - ``encoding``: of the text the names were read from, and are written in again; a file fact.

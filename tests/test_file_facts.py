@@ -13,11 +13,11 @@ import pytest
 
 import jaxmotion as jm
 from jaxmotion import Motion, Skeleton, multiresolution, samples
+from jaxmotion._asf_bone import AsfBone
 from jaxmotion._file_facts import FileFact, compiled
 from jaxmotion.confine import confine
 from jaxmotion.io import MotionFileWarning
 from jaxmotion.multiresolution import blend, build_pyramid, stitch
-from jaxmotion.skeleton import AsfBone
 from tests.helpers import assert_same_rotation, random_quaternions
 
 POSITIONS = ("Xposition", "Yposition", "Zposition")

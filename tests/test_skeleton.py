@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from jaxmotion import Skeleton
-from jaxmotion.skeleton import AsfBone, Conventions, feet_by_name
+from jaxmotion._asf_bone import AsfBone
+from jaxmotion.skeleton import Conventions, feet_by_name
 from tests.helpers import random_skeleton
 
 NAMES = ("Hips", "Spine", "LeftArm", "RightArm", "LeftHand")

@@ -8,14 +8,13 @@ be given a file name for its output; otherwise the output is a folder.
 import glob
 import os
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
 from jaxmotion._plain import in_words, irregular
-from jaxmotion.io.formats import SUFFIXES, files_of, may_hold_a_motion
+from jaxmotion.io.formats import SUFFIXES, files_of, may_hold_a_motion, read_with
 
 
 @dataclass(frozen=True)
@@ -120,20 +119,11 @@ def overlaps(sources: Iterable[Path]) -> Callable[[Path], bool]:
         if real(target) in paths or _identity(target) in files:
             return True
         beside = [real(path) for path in files_of(target)[1:]]
-        return any(path.exists() and path in _skeletons(sources) for path in beside)
+        existing = [path for path in beside if path.exists()]
+        read = {real(path) for source in sources for path in read_with(source)} if existing else ()
+        return any(path in read for path in existing)
 
     return over
-
-
-def _skeletons(sources: Iterable[Path]) -> set[Path]:
-    from jaxmotion.io.asfamc import asf_beside
-
-    found = set()
-    for source in sources:
-        if source.suffix.lower() == ".amc":
-            with suppress(OSError, ValueError):  # reading it will tell
-                found.add(real(asf_beside(source)))
-    return found
 
 
 def real(path: Path) -> Path:

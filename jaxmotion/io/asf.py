@@ -27,9 +27,10 @@ from typing import NoReturn
 
 import numpy as np
 
+from jaxmotion._asf_bone import AsfBone
 from jaxmotion.io.errors import MotionFileError, quoted, read_file
 from jaxmotion.io.text import decoded, plain_bytes
-from jaxmotion.skeleton import AsfBone, Skeleton
+from jaxmotion.skeleton import Skeleton
 
 LINK = "__link"
 END = "__end"

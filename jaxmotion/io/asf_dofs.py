@@ -13,6 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxmotion._asf_bone import AsfBone
 from jaxmotion.io.asf import DOFS, ROOT_ORDER, rotation_order
 from jaxmotion.io.euler_blocks import (
     angle_blocks,
@@ -21,7 +22,7 @@ from jaxmotion.io.euler_blocks import (
     products,
     quaternions,
 )
-from jaxmotion.skeleton import AsfBone, Skeleton
+from jaxmotion.skeleton import Skeleton
 
 _SLOTS = ((), (0,), (0, 2), (0, 1, 2))
 

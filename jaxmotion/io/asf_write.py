@@ -17,8 +17,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxmotion._asf_bone import AsfBone
 from jaxmotion.io.asf import END, LINK
-from jaxmotion.skeleton import AsfBone, Skeleton
+from jaxmotion.skeleton import Skeleton
 
 
 def asf_names(skeleton: Skeleton) -> list[str]:

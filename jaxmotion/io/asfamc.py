@@ -37,6 +37,7 @@ from typing import Literal
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmotion._asf_bone import AsfBone
 from jaxmotion._checks import one_of
 from jaxmotion._plain import printable
 from jaxmotion.io.amc import read_amc, write_amc
@@ -52,7 +53,7 @@ from jaxmotion.io.printed_digits import LARGEST_ROUNDING, SINGLE_PRECISION
 from jaxmotion.io.soundness import check_clip
 from jaxmotion.io.text import encoding_for
 from jaxmotion.motion import Motion
-from jaxmotion.skeleton import AsfBone, Conventions, Skeleton
+from jaxmotion.skeleton import Conventions, Skeleton
 
 _DECIMALS = 12
 _ASSUMED_FPS = 120.0

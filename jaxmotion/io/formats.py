@@ -7,6 +7,7 @@ read the table.
 
 import zipfile
 from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
@@ -21,7 +22,8 @@ class Format(NamedTuple):
     """``suffix`` of its files; ``load`` and ``save``, "module:function" in :mod:`jaxmotion.io`,
     ``save`` None if it is only read; ``knows``: tells its files from others of that suffix that
     come before it in the table; ``arrays``: of archives, the names of which it holds one set;
-    ``beside``: suffix of the file that goes with each."""
+    ``beside``: suffix of the file that goes with each; ``finds``: the function that finds it for a
+    file that is read."""
 
     suffix: str
     load: str
@@ -29,11 +31,12 @@ class Format(NamedTuple):
     knows: str | None = None
     arrays: tuple[frozenset[str], ...] = ()
     beside: str | None = None
+    finds: str | None = None
 
 
 FORMATS = (
     Format(".bvh", "bvh:load_bvh", "bvh:save_bvh"),
-    Format(".amc", "asfamc:load_amc", "asfamc:save_amc", beside=".asf"),
+    Format(".amc", "asfamc:load_amc", "asfamc:save_amc", beside=".asf", finds="asfamc:asf_beside"),
     Format(".npz", "npz:load_npz", "npz:save_npz", arrays=(frozenset({"jaxmotion_motion"}),)),
     Format(
         ".npz",
@@ -71,6 +74,16 @@ def writer(path: Path) -> Callable[..., None]:
 def files_of(path: Path) -> list[Path]:
     """The files that a motion is written to."""
     return [path, *(path.with_suffix(row.beside) for row in _rows(path) if row.beside)]
+
+
+def read_with(path: Path) -> list[Path]:
+    """The files that are read along with one; none where reading it will tell that they lack."""
+    found = []
+    for row in _rows(path):
+        if row.finds is not None:
+            with suppress(OSError, ValueError):
+                found.append(_named(row.finds)(path))
+    return found
 
 
 def may_hold_a_motion(path: Path) -> bool:

@@ -18,6 +18,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmotion._asf_bone import AsfBone
 from jaxmotion.io.archive import Archive, write_archive
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.io.conventions import seconds_of, turned_to, with_up
@@ -26,7 +27,7 @@ from jaxmotion.io.formats import Up, UpOut
 from jaxmotion.io.precision import float_type
 from jaxmotion.io.soundness import check_arrays, trouble
 from jaxmotion.motion import Motion
-from jaxmotion.skeleton import AsfBone, Conventions, Skeleton
+from jaxmotion.skeleton import Conventions, Skeleton
 
 MARK = "jaxmotion_motion"
 _VERSION = 1

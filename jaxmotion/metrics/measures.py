@@ -15,10 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxmotion._asf_bone import AsfBone
 from jaxmotion._types import ArrayLike
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
-from jaxmotion.skeleton import AsfBone, Skeleton
+from jaxmotion.skeleton import Skeleton
 
 _BLOCK = 512  # frames at a time for world positions: one compiled function for all clips
 _EXACT = 1e-8  # radians, and share of the figure's size: less is rounding

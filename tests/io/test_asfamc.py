@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jaxmotion import Motion, Skeleton
+from jaxmotion._asf_bone import AsfBone
 from jaxmotion.io import MotionFileError, MotionFileWarning, load, save
 from jaxmotion.io.asfamc import load_amc, save_amc
-from jaxmotion.skeleton import AsfBone
 from tests.helpers import (
     angle_between,
     assert_same_rotation,

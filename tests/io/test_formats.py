@@ -43,6 +43,17 @@ def test_files_that_go_together():
         assert formats.files_of(Path(name)) == [Path(name)]
 
 
+def test_files_that_are_read_along(tmp_path):
+    take = tmp_path / "take_01.amc"
+    assert formats.read_with(take) == []  # reading it will tell
+    take.touch()
+    assert formats.read_with(take) == []
+    skeleton = tmp_path / "take.asf"
+    skeleton.touch()
+    assert formats.read_with(take) == [skeleton]
+    assert formats.read_with(tmp_path / "take.bvh") == []
+
+
 @pytest.mark.parametrize("name", ["walk.fbx", "walk", "walk.asf"])
 def test_other_suffixes_are_refused_with_those_there_are(name):
     for choose in (formats.reader, formats.writer):

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from jaxmotion import Motion, Skeleton
+from jaxmotion._asf_bone import AsfBone
 from jaxmotion.io import MotionFileError, load
 from jaxmotion.io.archive import Archive
 from jaxmotion.io.npz import load_npz, save_npz
-from jaxmotion.skeleton import AsfBone, Conventions
+from jaxmotion.skeleton import Conventions
 from tests.helpers import random_motion
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
+from jaxmotion._asf_bone import AsfBone
 from jaxmotion.metrics import measures
-from jaxmotion.skeleton import AsfBone
 from tests.helpers import (
     angle_between,
     random_motion,
