@@ -24,8 +24,8 @@ from jaxmotion.skeleton import Skeleton
 def confine(original: Motion, edited: Motion, weight: ArrayLike) -> Motion:
     """The original where ``weight`` is 0, the edit where it is 1, and in between in between.
 
-    **Arguments:** two clips of one shape; ``weight``: a scalar, f[J], f[T, 1] or f[T, J], in
-    [0, 1]; values outside count as 0 or 1.
+    **Arguments:** ``original``, ``edited``: clips of one shape, T frames, J joints; ``weight``: a
+    scalar, f[J], f[T, 1] or f[T, J], in [0, 1]; values outside count as 0 or 1.
     **Returns:** a motion of the same shape, with the edit's skeleton.
     **Raises:** ``ValueError`` for shapes that do not fit.
     """
@@ -73,10 +73,10 @@ def selection_weights(
 ) -> Float[np.ndarray, "time joint"]:
     """Weights for :func:`confine` from names and a range of frames.
 
-    **Arguments:** ``joints``: shell patterns, any case, all joints if there is none; ``frames``:
-    (first, end) as in ``motion[first:end]``; ``fade``: frames, inside the range, over which the
-    weight rises and falls as ½ − ½cos (none at an end of the clip, and at most half the range);
-    ``strength``: of the edit inside, from 0 to 1.
+    **Arguments:** ``skeleton``: J joints; ``num_frames``: T; ``joints``: shell patterns, any case,
+    all joints if there is none; ``frames``: (first, end) as in ``motion[first:end]``; ``fade``:
+    frames, inside the range, over which the weight rises and falls as ½ − ½cos (none at an end of
+    the clip, and at most half the range); ``strength``: of the edit inside, from 0 to 1.
     **Returns:** f64[T, J].
     **Raises:** ``ValueError`` for a pattern that matches nothing, an empty range, a negative fade
     or a strength outside [0, 1].

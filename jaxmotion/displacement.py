@@ -27,15 +27,23 @@ Sense: TypeAlias = Literal["world", "body"]
 
 
 class Displacement(Portable):
-    """``translations`` f[T, J, 3] (file unit), ``rotations`` f[T, J, 3] (rotation vectors: full
-    angle in the world sense, half in the body sense), ``sense`` static."""
+    """The difference of two motions, frame by frame and joint by joint.
+
+    **Fields:** ``translations``: f[T, J, 3], file unit; ``rotations``: f[T, J, 3], rotation vectors
+    in radians, full-angle in the world sense, half in the body sense; ``sense``: "world" or "body",
+    static.
+    """
 
     translations: Float[AnyArray, "*batch time joint 3"]
     rotations: Float[AnyArray, "*batch time joint 3"]
     sense: Sense = eqx.field(static=True, default="world")
 
     def scale(self, gain: ArrayLike) -> "Displacement":
-        """Every vector times ``gain``: a scalar, per joint f[J], or per frame and joint f[T, J]."""
+        """Every vector times a gain.
+
+        **Arguments:** ``gain``: a scalar, f[J] per joint, or f[T, J] per frame and joint.
+        **Returns:** :class:`Displacement` in the same sense.
+        """
         factor = jnp.asarray(gain, self.rotations.dtype)
         factor = factor[..., None] if factor.ndim else factor
         return Displacement(factor * self.translations, factor * self.rotations, self.sense)
@@ -44,7 +52,10 @@ class Displacement(Portable):
 def plus(motion: Motion, displacement: Displacement) -> Motion:
     """motion ⊕ displacement, in the displacement's sense.
 
-    **Arguments:** one displacement a frame and joint of ``motion``. **Returns:** a new motion.
+    Eom et al. 2019, Eq. 8, 12, 13 (world); Lee & Shin 2001, Eq. 2 (body).
+
+    **Arguments:** ``motion``: T frames, J joints; ``displacement``: of T frames and J joints.
+    **Returns:** a motion of the same shape.
     **Raises:** ``ValueError`` when the shapes differ.
     """
     if displacement.rotations.shape != motion.translations.shape:
@@ -61,8 +72,12 @@ def plus(motion: Motion, displacement: Displacement) -> Motion:
 def minus(motion: Motion, reference: Motion, sense: Sense = "world") -> Displacement:
     """motion ⊖ reference: the displacement that takes the reference to the motion.
 
-    **Arguments:** two clips of one shape. **Returns:** :class:`Displacement`; rotation vectors
-    take the short way round, so q and −q give the same.
+    Rotation vectors take the short way round, so q and −q give the same. Eom et al. 2019, Eq. 8,
+    12, 13 (world); Lee & Shin 2001, Eq. 3 (body).
+
+    **Arguments:** ``motion``, ``reference``: clips of one shape, T frames, J joints; ``sense``:
+    "world" or "body".
+    **Returns:** :class:`Displacement`, f[T, J, 3] each.
     **Raises:** ``ValueError`` when the shapes differ or the sense is unknown.
     """
     if motion.rotations.shape != reference.rotations.shape:

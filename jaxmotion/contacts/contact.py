@@ -30,15 +30,16 @@ Limb = tuple[int, int, int]
 class ContactPoints(Portable):
     """Points of the body that may touch something.
 
-    **Fields:**
+    Made from a ``skeleton`` and its ``joints`` by name or number. Left out, ``point`` is the
+    joints' origins, ``names`` are the joints', and the limbs are those above the joints; joints
+    that hang from another of them share its limb.
 
-    - ``joints``: index of the joint each point is fixed to; static.
-    - ``names``: what to call it ("LeftFoot.heel"); static.
-    - ``limbs``: the two-bone limb that carries it, (root, middle, end) joints, or None where there
-      is none (a head, a root); the end is the point's joint or above it; static.
-    - ``point``: f[C, 3], in the joint's frame.
-
-    **Raises:** ``ValueError`` when the pieces do not fit together.
+    **Fields:** ``joints``: index of the joint each of C points is fixed to, static; ``names``: what
+    to call each ("LeftFoot.heel"), static; ``limbs``: the two-bone limb that carries each, (root,
+    middle, end) joints, or None where there is none (a head, a root), static; the end is the
+    point's joint or above it; ``point``: f[C, 3], in the joint's frame, file unit.
+    **Raises:** ``ValueError`` for a joint that the skeleton does not have, or a ``point``,
+    ``names`` or ``limbs`` that are not one a joint.
     """
 
     joints: tuple[int, ...] = eqx.field(static=True)
@@ -72,11 +73,15 @@ class ContactPoints(Portable):
 
     @property
     def num_points(self) -> int:
-        """C."""
+        """C, the number of points."""
         return len(self.joints)
 
     def positions(self, motion: Motion) -> Float[Array, "time point 3"]:
-        """World positions of the points: f[T, C, 3]."""
+        """World positions of the points.
+
+        **Arguments:** ``motion``: T frames of the skeleton the points are of.
+        **Returns:** f[T, C, 3], file unit.
+        """
         pose = forward_kinematics(motion)
         index = np.asarray(self.joints, int)
         offset = quaternion.rotate(pose.rotations[:, index], jnp.asarray(self.point, motion.dtype))
@@ -86,17 +91,14 @@ class ContactPoints(Portable):
 class Contacts(Portable):
     """When and where the points touch; the module has the equation.
 
-    **Fields:**
+    Left out, ``kind`` is 1 in contact, and ``confidence`` too; both are 0 where free. ``joints``,
+    ``names``, ``limbs`` and ``point`` of the points are also properties here.
 
-    - ``points``: the :class:`ContactPoints`; ``joints``, ``names``, ``limbs`` and ``point`` are
-      also properties here.
-    - ``mask``: bool[T, C], in contact.
-    - ``kind``: i8[T, C], what of the point's segment is at rest: 0 nothing (free), 1 the point,
-      2 a line through it (the segment rolls over an edge), 3 the whole segment.
-    - ``target``: f[T, C, 3], world: where the point is held, one place for each contact; where
-      free, the point's own position.
-    - ``confidence``: f[T, C], in [0, 1].
-
+    **Fields:** ``points``: the :class:`ContactPoints`; ``mask``: bool[T, C], in contact; ``kind``:
+    i8[T, C], what of the point's segment is at rest: 0 nothing (free), 1 the point, 2 a line
+    through it (the segment rolls over an edge), 3 the whole segment; ``target``: f[T, C, 3], world,
+    file unit: where the point is held, one place for each contact; where free, the point's own
+    position; ``confidence``: f[T, C], in [0, 1].
     **Raises:** ``ValueError`` for shapes that do not fit.
     """
 
@@ -133,8 +135,14 @@ class Contacts(Portable):
                 )
 
     def at_frames(self, frames: Float[AnyArray, " result"]) -> "Contacts":
-        """For another timing of the clip: what the nearest of its frames has, at each of
-        ``frames`` (numbers from 0, fractions allowed)."""
+        """The contacts for another timing of the clip.
+
+        Each new frame has what the nearest of the present frames has.
+
+        **Arguments:** ``frames``: f[N], the time that each new frame has now, in frames from 0;
+        fractions are allowed, and what is outside counts as the nearest end.
+        **Returns:** :class:`Contacts` of N frames.
+        """
         index = jnp.clip(jnp.round(jnp.asarray(frames)), 0, self.num_frames - 1).astype(jnp.int32)
         return Contacts(
             self.points,
@@ -166,12 +174,12 @@ class Contacts(Portable):
 
     @property
     def num_frames(self) -> int:
-        """T."""
+        """T, the number of frames."""
         return self.mask.shape[0]
 
     @property
     def num_points(self) -> int:
-        """C."""
+        """C, the number of points."""
         return self.points.num_points
 
 

@@ -52,20 +52,21 @@ def detect(
     tolerance: ScalarLike = 1.0,
     length: ScalarLike | None = None,
 ) -> Contacts:
-    """Contacts of a motion.
+    """Find the contacts of a motion.
 
-    **Arguments:** ``method``: see the module; ``points``: which points may touch, by default the
-    heels and balls of the feet (:func:`find_feet`), or with ``joints`` (names or numbers) the
-    origins of those joints; ``floor``: "auto" asks that a point be near its own lowest level, a
-    number that it be near this height, None nothing; ``window``: frames in 0.08 s, static, by
-    default from the frame time and at least 3; ``tolerance`` scales every threshold; ``length``:
-    number of frames that count, the first ones, for padded clips.
-
-    **Returns:** :class:`Contacts`, bool[T, C] and so on; no points (C = 0) for a skeleton without
-    feet. A clip of one frame has no motion: what is low touches.
-
-    **Raises:** ``ValueError`` for an unknown method, both points and joints, a window of fewer than
-    2 frames; under ``jit`` or ``vmap`` when ``points`` or ``window`` are left out.
+    **Arguments:** ``motion``: T frames, J joints; ``method``: "segments" or "thresholds", see the
+    module; ``points``: which points may touch, by default the heels and balls of the feet
+    (:func:`find_feet`); ``joints``: names or numbers of joints whose origins may touch, instead of
+    ``points``; ``floor``: "auto" asks that a point be near its own lowest level, a number (file
+    unit) that it be near this height, None nothing; ``window``: frames in 0.08 s, static, by
+    default from the frame time and at least 3; ``tolerance``: what every threshold is multiplied
+    by; ``length``: number of frames that count, the first ones, for padded clips.
+    **Returns:** :class:`Contacts` of T frames and C points, C = 0 for a skeleton without feet. A
+    clip of one frame has no motion: what is low touches.
+    **Raises:** ``ValueError`` for an unknown method or floor, both points and joints, a joint that
+    the skeleton does not have, a window of fewer than 2 frames or a length outside 1 to T; under
+    ``jit`` or ``vmap`` when the window, or both points and joints, are left out; at run time for a
+    traced length outside 1 to T.
     """
     one_of("detect: method", method, ("segments", "thresholds"))
     if points is not None and joints is not None:
@@ -160,8 +161,13 @@ def _soft(ratio: Float[Array, "time point"]) -> Float[Array, "time point"]:
 
 
 def limb_lengths(motion: Motion, points: ContactPoints) -> Float[Array, " point"]:
-    """Length of the limb that carries each point, both bones, over the frames' mean; for points
-    without one, half of the skeleton's longest chain. File unit."""
+    """Length of the limb that carries each point: both bones, means over the frames.
+
+    For points without a limb it is half of the skeleton's longest chain.
+
+    **Arguments:** ``motion``: T frames; ``points``: C points of its skeleton.
+    **Returns:** f[C], file unit.
+    """
     bones = jnp.mean(safe_norm(motion.translations), axis=0)
     reach = [jnp.zeros((), motion.dtype)]
     for j, parent in enumerate(motion.skeleton.parents[1:], 1):
@@ -172,10 +178,13 @@ def limb_lengths(motion: Motion, points: ContactPoints) -> Float[Array, " point"
 
 
 def replant(motion: Motion, contacts: Contacts) -> Contacts:
-    """The same contacts, with targets where ``motion`` has the points: means over each contact.
+    """The same contacts, with targets where ``motion`` has the points.
 
-    For contacts that were found on another clip, or drawn by hand. **Arguments:** T frames each.
-    **Returns:** :class:`Contacts`.
+    Means over each contact, weighted by confidence. For contacts that were found on another clip,
+    or drawn by hand.
+
+    **Arguments:** ``motion``: T frames; ``contacts``: of T frames.
+    **Returns:** :class:`Contacts`; only targets differ.
     """
     origin = origin_of(motion)
     positions = contacts.points.positions(motion_near(motion, origin))

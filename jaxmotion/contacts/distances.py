@@ -24,8 +24,11 @@ from jaxmotion.motion import Motion
 def fit_distances(motion: Motion, contacts: Contacts) -> Contacts:
     """The contacts with targets moved to distances that ``motion`` has, limb by limb.
 
-    **Arguments:** T frames each. **Returns:** :class:`Contacts`; only targets in contact differ,
-    and only of limbs that carry two points.
+    Kovar, Schreiner & Gleicher 2002, first step; the module has the equation.
+
+    **Arguments:** ``motion``: T frames; ``contacts``: of T frames.
+    **Returns:** :class:`Contacts`; only targets in contact differ, and only of limbs that carry two
+    points.
     **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
     if contacts.num_frames != motion.num_frames:

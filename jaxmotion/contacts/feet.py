@@ -41,9 +41,11 @@ def find_feet(motion: Motion, *, length: ScalarLike | None = None) -> ContactPoi
     """Heels and balls of the feet; no points for a skeleton without feet.
 
     **Arguments:** ``motion``: T frames, J joints, of known values (not traced): the floor's
-    direction and the limbs that stand are read from it; ``length``: number of frames that count.
+    direction and the limbs that stand are read from it; ``length``: number of frames that count,
+    the first ones.
     **Returns:** :class:`ContactPoints` in the order of the joints, heel before ball.
-    **Raises:** ``ValueError`` under ``jit`` and ``vmap``; find the points outside.
+    **Raises:** ``ValueError`` under ``jit`` and ``vmap`` (find the points outside), and for a
+    length outside 1 to T.
     """
     if traced(motion.rotations, length):
         raise ValueError(

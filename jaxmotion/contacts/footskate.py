@@ -66,16 +66,18 @@ def cleanup_footskate(
 ) -> Motion:
     """Put planted points at their targets by moving legs and root, and blend in between.
 
-    **Arguments:** ``contacts``: of the motion itself (:func:`detect`), or of the motion it was
-    edited from; ``stretch``: share by which bones may change length, which keeps nearly straight
-    knees from snapping (Kovar: up to 0.026; 0 keeps all bones, and a file needs position channels
-    for anything else); ``fade``: seconds over which corrections fade between contacts; ``floor``:
-    height below which no contact point may go; ``length``: number of frames that count.
+    Kovar, Schreiner & Gleicher 2002; the module has the steps.
 
-    **Returns:** a motion of the same shape; the one given if there are no contacts.
-
+    **Arguments:** ``motion``: T frames, J joints; ``contacts``: of the motion itself
+    (:func:`detect`), or of the motion it was edited from; ``stretch``: share by which bones may
+    change length, static, which keeps nearly straight knees from snapping (Kovar: up to 0.026; 0
+    keeps all bones, and a file needs position channels for anything else); ``fade``: seconds over
+    which corrections fade between contacts; ``floor``: height below which no contact point may go,
+    file unit; ``length``: number of frames that count, the first ones.
+    **Returns:** a motion of the same shape; the one given if there are no points.
     **Raises:** ``ValueError`` when the contacts have another number of frames, a point hangs from
-    no two-bone limb, or two limbs share a joint.
+    no two-bone limb, two limbs share a joint, or the length is outside 1 to T; at run time for such
+    a length that is traced.
     """
     if contacts.num_frames != motion.num_frames:
         raise ValueError(

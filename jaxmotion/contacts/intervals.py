@@ -10,8 +10,11 @@ KIND_NAMES = ("free", "point", "line", "plane")
 
 
 class Interval(NamedTuple):
-    """One contact: ``point`` by name, ``joint`` by index, ``first`` and ``last`` frame, ``kind``
-    ("point", "line" or "plane", the most frequent), ``target`` (x, y, z) and mean ``confidence``.
+    """One contact, from its first frame to its last.
+
+    **Fields:** ``point``: name of the point; ``joint``: index of its joint; ``first``, ``last``:
+    frames from 0, both in contact; ``kind``: "point", "line" or "plane", the most frequent;
+    ``target``: (x, y, z), world, file unit; ``confidence``: the mean over the contact, in [0, 1].
     """
 
     point: str
@@ -24,7 +27,11 @@ class Interval(NamedTuple):
 
 
 def intervals(contacts: Contacts) -> list[Interval]:
-    """Every contact, in the order of the points and then of time."""
+    """Every contact, in the order of the points and then of time.
+
+    **Arguments:** ``contacts``: T frames, C points, not traced.
+    **Returns:** a list of :class:`Interval`.
+    """
     mask, kind = np.asarray(contacts.mask), np.asarray(contacts.kind)
     target, confidence = np.asarray(contacts.target), np.asarray(contacts.confidence)
     found = []

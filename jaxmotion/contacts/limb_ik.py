@@ -36,9 +36,13 @@ _STEADY = 0.15  # weight of the given hinge against sin of the bend
 
 
 class LimbTurn(NamedTuple):
-    """How to turn a limb, in world axes: ``root`` f[..., 4] turns both bones about the limb's root;
-    ``middle`` f[..., 4] turns the second bone, in total (put either before the joint's world
-    rotation); ``scale`` f[...] of both bones' lengths; ``end`` f[..., 3], where the end comes to.
+    """How to turn a limb, in world axes.
+
+    The turns are put before the joints' world rotations: ``multiply(turn, rotation)``.
+
+    **Fields:** ``root``: f[..., 4], turns both bones about the limb's root; ``middle``: f[..., 4],
+    turns the second bone, in total; ``scale``: f[...], of both bones' lengths; ``end``: f[..., 3],
+    where the end comes to.
     """
 
     root: Quaternion
@@ -59,14 +63,14 @@ def limb_ik(
 ) -> LimbTurn:
     """Turns that bring the end of a two-bone limb to a target, or as near as it can come.
 
+    Kovar, Schreiner & Gleicher 2002, section 4.4; the module has the equations.
+
     **Arguments:** ``root``, ``middle``, ``end``, ``target``: f[..., 3], world positions (hip, knee,
-    ankle); ``hinge``: f[..., 3], the axis about which a positive turn of the second bone bends the
-    limb, for limbs that are straight; ``stretch``: the share by which bones may change length, 0
-    for not at all; ``straight``: ρ, radians.
+    ankle, and where the ankle is to be); ``hinge``: f[..., 3], world, the unit axis about which a
+    positive turn of the second bone bends the limb, for limbs that are straight; ``stretch``: share
+    by which bones may change length, 0 for not at all; ``straight``: ρ, radians.
     **Returns:** :class:`LimbTurn`.
     **Raises:** ``ValueError`` for points that do not have three components.
-
-    Source: Kovar, Schreiner & Gleicher 2002, section 4.4; the module has the equations.
     """
     points = [jnp.asarray(p) for p in (root, middle, end, target)]
     for name, p in zip(("root", "middle", "end", "target"), points, strict=True):

@@ -35,10 +35,15 @@ def cleanup_root(
 ) -> Motion:
     """Stop planted points from sliding by moving the root only.
 
-    **Arguments:** ``contacts``: of the motion; ``floor``: height below which no contact point may
-    go; ``length``: number of frames that count.
-    **Returns:** a motion of the same shape, every rotation as it was.
-    **Raises:** ``ValueError`` when the contacts have another number of frames.
+    After Lyard & Magnenat-Thalmann 2008; the module has the equations.
+
+    **Arguments:** ``motion``: T frames, J joints; ``contacts``: of the motion; ``floor``: height
+    below which no contact point may go, file unit; ``length``: number of frames that count, the
+    first ones.
+    **Returns:** a motion of the same shape, every rotation as it was; the one given if there are no
+    points.
+    **Raises:** ``ValueError`` when the contacts have another number of frames or the length is
+    outside 1 to T; at run time for such a length that is traced.
     """
     if contacts.num_frames != motion.num_frames:
         raise ValueError(

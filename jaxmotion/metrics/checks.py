@@ -40,8 +40,12 @@ _ISOLATION, _AROUND = 4.0, 10
 
 @dataclass(frozen=True)
 class Problem:
-    """One finding: ``kind`` (see the module), ``frame`` and ``last_frame`` from 0 (None: the whole
-    clip), ``joint`` by name (None: all), and ``message``, a sentence for people."""
+    """One finding about a clip.
+
+    **Fields:** ``kind``: one of the module's table; ``message``: a sentence for people; ``frame``,
+    ``last_frame``: the first and the last it is about, from 0, None for the whole clip; ``joint``:
+    by name, None for all.
+    """
 
     kind: str
     message: str
@@ -64,9 +68,11 @@ def find_problems(
 ) -> list[Problem]:
     """Look for everything in the module's table.
 
-    **Arguments:** ``jump``: turn from frame to frame, ``spike``: bend of a single frame (and
-    turn after a first), ``gimbal``: margin to gimbal lock; radians.
-    **Returns:** findings in the order of the table, then by joint and frame; none is good news.
+    **Arguments:** ``motion``: T frames, J joints, one clip; ``jump``: turn from frame to frame;
+    ``spike``: bend of a single frame, and turn after a first; ``gimbal``: margin to gimbal lock;
+    radians.
+    **Returns:** a list of :class:`Problem` in the order of the table, then by joint and frame; none
+    is good news.
     """
     broken = list(_not_finite(motion))
     if broken:

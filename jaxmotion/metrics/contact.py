@@ -22,16 +22,21 @@ from jaxmotion.motion import Motion
 
 
 class ContactScores(NamedTuple):
-    """``precision``: share of what was found that is true; ``recall``: share of what is true that
-    was found; 1 where there is nothing to find or nothing found."""
+    """How well a contact mask agrees with the truth.
+
+    **Fields:** ``precision``: share of what was found that is true, 1 where nothing was found;
+    ``recall``: share of what is true that was found, 1 where there is nothing to find.
+    """
 
     precision: float
     recall: float
 
 
 def slides(motion: Motion, contacts: Contacts) -> Float[np.ndarray, "step point"]:
-    """How far each point moves from frame to frame while in contact: f[T − 1, C], file unit.
+    """How far each point moves from frame to frame while in contact.
 
+    **Arguments:** ``motion``: T frames; ``contacts``: of T frames and C points.
+    **Returns:** f64[T − 1, C], file unit; 0 where a point is not in contact in both frames.
     **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
     mask = np.asarray(contacts.mask)
@@ -45,7 +50,12 @@ def slides(motion: Motion, contacts: Contacts) -> Float[np.ndarray, "step point"
 
 
 def foot_skate(motion: Motion, contacts: Contacts) -> float:
-    """Mean speed at which points slide while in contact, file unit a second; 0 without contacts."""
+    """Mean speed at which points slide while in contact; 0 without contacts.
+
+    **Arguments:** ``motion``: T frames; ``contacts``: of T frames.
+    **Returns:** a float, file unit a second.
+    **Raises:** ``ValueError`` when the contacts have another number of frames.
+    """
     mask = np.asarray(contacts.mask)
     seconds = np.sum(mask[1:] & mask[:-1]) * float(motion.frame_time)
     return float(slides(motion, contacts).sum() / seconds) if seconds else 0.0
@@ -54,7 +64,12 @@ def foot_skate(motion: Motion, contacts: Contacts) -> float:
 def penetration(
     motion: Motion, points: ContactPoints, floor: float = 0.0
 ) -> Float[np.ndarray, "time point"]:
-    """How far each point is below the height ``floor``: f[T, C] ≥ 0, file unit."""
+    """How far each point is below the floor.
+
+    **Arguments:** ``motion``: T frames; ``points``: C points of its skeleton; ``floor``: height,
+    file unit.
+    **Returns:** f64[T, C] ≥ 0, file unit.
+    """
     positions = np.asarray(points.positions(motion), np.float64)
     return np.maximum(floor - positions[..., motion.skeleton.up_axis], 0.0)
 
@@ -62,9 +77,11 @@ def penetration(
 def contact_scores(
     found: ArrayLike, truth: ArrayLike, judged: ArrayLike | None = None
 ) -> ContactScores:
-    """Precision and recall of contact masks.
+    """Precision and recall of a contact mask.
 
-    **Arguments:** ``found``, ``truth``: bool[T, C]; ``judged``: bool[T, C], entries that count.
+    **Arguments:** ``found``, ``truth``: bool[T, C]; ``judged``: bool[T, C], entries that count, all
+    when left out.
+    **Returns:** :class:`ContactScores`.
     **Raises:** ``ValueError`` when the shapes differ.
     """
     found, truth = np.asarray(found, bool), np.asarray(truth, bool)
@@ -80,7 +97,11 @@ def contact_scores(
 
 
 def jerk(motion: Motion) -> Float[np.ndarray, "step joint"]:
-    """Third derivative in time of every joint's world position: f[T − 3, J], file unit / s³."""
+    """Size of the third derivative in time of every joint's world position.
+
+    **Arguments:** ``motion``: T frames, J joints.
+    **Returns:** f64[T − 3, J], file unit / s³; no rows for fewer than four frames.
+    """
     positions = world_positions(motion)[:, : motion.num_joints]
     return np.linalg.norm(np.diff(positions, n=3, axis=0), axis=-1) / float(motion.frame_time) ** 3
 
@@ -88,9 +109,11 @@ def jerk(motion: Motion) -> Float[np.ndarray, "step joint"]:
 def joint_position_error(
     motion: Motion, reference: Motion, *, relative: bool = False
 ) -> Float[np.ndarray, "time joint"]:
-    """Distance of every joint from the reference's: f[T, J], file unit.
+    """Distance of every joint from the reference's, in the world.
 
-    **Arguments:** two clips of one shape; ``relative``: with both roots put in one place.
+    **Arguments:** ``motion``, ``reference``: clips of one shape, T frames, J joints; ``relative``:
+    with both roots put in one place, frame by frame.
+    **Returns:** f64[T, J], file unit.
     **Raises:** ``ValueError`` when the shapes differ.
     """
     if motion.rotations.shape != reference.rotations.shape:

@@ -27,7 +27,11 @@ _EXACT = 1e-8  # radians, and share of the figure's size: less is rounding
 
 @dataclass(frozen=True)
 class Peak:
-    """The largest of some values, and the frame and joint it is at."""
+    """The largest of some values, and where it is.
+
+    **Fields:** ``value``: in the unit of what it is the largest of; ``frame``: from 0; ``joint``:
+    by name.
+    """
 
     value: float
     frame: int
@@ -38,9 +42,10 @@ class Peak:
 class Difference:
     """How two clips of one shape differ.
 
-    ``frames_changed`` of ``frames``; ``angle``: the greatest turn of a joint in its parent's frame,
-    radians; ``shift``: the greatest change of a local translation, file unit; ``distance``: the
-    greatest move of a joint in the world, file unit, None if not asked for.
+    **Fields:** ``frames``: how many there are; ``frames_changed``: in how many of them something
+    differs; ``angle``: the greatest turn of a joint in its parent's frame, radians; ``shift``: the
+    greatest change of a local translation, file unit; ``distance``: the greatest move of a joint in
+    the world, file unit, None if not asked for.
     """
 
     frames: int
@@ -51,32 +56,46 @@ class Difference:
 
 
 def turn(a: ArrayLike, b: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Angle in radians between unit quaternions (..., 4), in [0, π]; exact for tiny angles."""
+    """Angle between unit quaternions, exact for tiny angles.
+
+    **Arguments:** ``a``, ``b``: f[..., 4], of shapes that broadcast.
+    **Returns:** f64[...], radians, in [0, π].
+    """
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     chord = np.minimum(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
     return 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
 
 
 def rotation_rates(motion: Motion) -> Float[np.ndarray, "step joint"]:
-    """Speed of every joint's rotation from frame to frame, radians a second: f[T − 1, J]."""
+    """Speed of every joint's rotation from frame to frame.
+
+    **Arguments:** ``motion``: T frames, J joints.
+    **Returns:** f64[T − 1, J], radians a second.
+    """
     q = np.asarray(motion.rotations)
     return turn(q[1:], q[:-1]) / float(motion.frame_time)
 
 
 def sign_flips(motion: Motion) -> Bool[np.ndarray, "step joint"]:
-    """Where a quaternion lies in the other hemisphere from the one before: bool[T − 1, J].
+    """Where a quaternion lies in the other hemisphere from the one before.
 
     The rotation is the same, but a filter that does not know would go the long way round. Read from
     Euler angles, it is a jump of a whole turn.
+
+    **Arguments:** ``motion``: T frames, J joints.
+    **Returns:** bool[T − 1, J].
     """
     q = np.asarray(motion.rotations, np.float64)
     return np.sum(q[1:] * q[:-1], axis=-1) < 0
 
 
 def bend(motion: Motion) -> Float[np.ndarray, "inner joint"]:
-    """How far each rotation is from half way between its neighbours in time: f[T − 2, J], radians.
+    """How far each rotation is from half way between its neighbours in time.
 
     A rotation that is out for one frame has a bend of its error, and its neighbours of half that.
+
+    **Arguments:** ``motion``: T frames, J joints.
+    **Returns:** f64[T − 2, J], radians; no rows for fewer than three frames.
     """
     q = np.asarray(motion.rotations, np.float64)
     before, after = q[:-2], q[2:]
@@ -86,13 +105,23 @@ def bend(motion: Motion) -> Float[np.ndarray, "inner joint"]:
 
 
 def root_bend(motion: Motion) -> Float[np.ndarray, " inner"]:
-    """How far the root is from half way between its neighbours in time: f[T − 2], file unit."""
+    """How far the root is from half way between its neighbours in time.
+
+    **Arguments:** ``motion``: T frames.
+    **Returns:** f64[T − 2], file unit; empty for fewer than three frames.
+    """
     p = np.asarray(motion.translations, np.float64)[:, 0]
     return np.linalg.norm(p[1:-1] - 0.5 * (p[:-2] + p[2:]), axis=-1)
 
 
 def duplicate_frames(motion: Motion) -> Bool[np.ndarray, " time"]:
-    """Which frames repeat the one before in every joint: bool[T], the first False."""
+    """Which frames repeat the one before in every joint.
+
+    Turns of up to 1e-8 radians, and shifts of as large a share of the figure's size, are rounding.
+
+    **Arguments:** ``motion``: T frames.
+    **Returns:** bool[T], the first False.
+    """
     angle = turn(motion.rotations[1:], motion.rotations[:-1]).max(axis=-1, initial=0.0)
     p = np.asarray(motion.translations, np.float64)
     shift = np.abs(np.diff(p, axis=0)).max(axis=(1, 2), initial=0.0)
@@ -101,10 +130,13 @@ def duplicate_frames(motion: Motion) -> Bool[np.ndarray, " time"]:
 
 
 def gimbal_margin(motion: Motion) -> Float[np.ndarray, "time joint"]:
-    """How far each joint's Euler angles are from gimbal lock: f[T, J], radians.
+    """How far each joint's Euler angles are from gimbal lock.
 
     In the joint's own order of rotation channels; infinite for joints with fewer than three. At
     lock the first and the last angle turn about one axis and may jump.
+
+    **Arguments:** ``motion``: T frames, J joints.
+    **Returns:** f64[T, J], radians.
     """
     margin = np.full((motion.num_frames, motion.num_joints), np.inf)
     q = np.asarray(motion.rotations, np.float64)
@@ -118,7 +150,11 @@ def gimbal_margin(motion: Motion) -> Float[np.ndarray, "time joint"]:
 
 
 def figure_size(skeleton: Skeleton) -> float:
-    """Size of the figure in the file's unit: its longest chain of bones."""
+    """Size of the figure: its longest chain of bones, end sites not counted.
+
+    **Arguments:** ``skeleton``: J joints.
+    **Returns:** a float, file unit; 1 where all bones have length 0.
+    """
     lengths = np.linalg.norm(np.asarray(skeleton.offsets, np.float64), axis=-1)
     reach = np.zeros(skeleton.num_joints)
     for j, parent in enumerate(skeleton.parents[1:], 1):
@@ -127,10 +163,13 @@ def figure_size(skeleton: Skeleton) -> float:
 
 
 def world_positions(motion: Motion) -> Float[np.ndarray, "time point 3"]:
-    """World positions of joints, then end sites: f[T, J + E, 3], file unit.
+    """World positions of joints, then end sites.
 
     Forward kinematics a block of frames at a time, so that clips of all lengths share one
     compilation.
+
+    **Arguments:** ``motion``: T frames, J joints, E end sites.
+    **Returns:** f64[T, J + E, 3], file unit.
     """
     translations, rotations = np.asarray(motion.translations), np.asarray(motion.rotations)
     pieces = []
@@ -145,7 +184,9 @@ def world_positions(motion: Motion) -> Float[np.ndarray, "time point 3"]:
 def difference(before: Motion, after: Motion, *, world: bool = False) -> Difference:
     """How ``after`` differs from ``before``.
 
-    **Arguments:** two clips of one shape; ``world``: whether to compare world positions too.
+    **Arguments:** ``before``, ``after``: clips of one shape; ``world``: whether to compare world
+    positions too.
+    **Returns:** :class:`Difference`.
     **Raises:** ``ValueError`` when the shapes differ.
     """
     if before.rotations.shape != after.rotations.shape:

@@ -48,13 +48,15 @@ _LARGEST_CODE = 2**31 - 1
 
 
 class CompressedMotion(Portable):
-    """A base and integers.
+    """A base and integers: a motion within stated errors.
 
-    **Fields:** ``base``: Motion; ``codes``: per level, coarse to fine, (translations i[n, P, 3] of
-    the P translated joints, rotations i[n, J, 3]); ``steps``: what one unit of each is worth, file
-    unit and radians; ``num_bytes``: of codes (deflated) and base; ``ratio``: bytes of the motion's
-    translated joints and rotations over that; ``translation_error``, ``rotation_error``: the
-    largest of any joint and frame, measured, file unit and radians; others as :class:`Pyramid`.
+    **Fields:** ``base``: Motion, the coarsest level; ``codes``: per level, coarse to fine,
+    (translations i[n, P, 3] of the P translated joints, rotations i[n, J, 3]); ``steps``: what one
+    unit of each is worth, file unit and radians; ``times``: f[T] if the frames are unevenly spaced,
+    else None; ``num_bytes``: of codes (deflated) and base, static; ``ratio``: bytes of the motion's
+    translated joints and rotations over that, static; ``translation_error``, ``rotation_error``:
+    the largest of any joint and frame, measured, file unit and radians, static; ``frames``: number
+    of frames of each level, base first, static; ``frame_time_text``: the motion's, a file fact.
     """
 
     base: Motion
@@ -69,7 +71,10 @@ class CompressedMotion(Portable):
     frame_time_text: str | None = file_fact()
 
     def decompress(self) -> Motion:
-        """The motion, within the errors."""
+        """The motion, within the errors.
+
+        **Returns:** a motion of the original's T frames.
+        """
         moving = np.asarray(self.base.translated_joints, int)
         details = []
         for shifts, turns in self.codes:
@@ -99,12 +104,15 @@ def compress(
 ) -> CompressedMotion:
     """Quantise a motion so that no joint is off by more than the tolerances.
 
-    **Arguments:** ``rotation_tolerance``: radians, of each joint in its parent's frame;
-    ``translation_tolerance``: file unit, likewise; both positive; ``levels``, ``times``: as
-    :func:`build_pyramid`.
+    Lee & Shin 2001, §1, name this use; the closed loop and the bound are ours. On the host, not for
+    tracing.
+
+    **Arguments:** ``motion``: T ≥ 1 frames, one clip; ``rotation_tolerance``: radians, of each
+    joint in its parent's frame; ``translation_tolerance``: file unit, likewise; both positive;
+    ``levels``, ``times``: as :func:`build_pyramid`.
     **Returns:** :class:`CompressedMotion`, which tells its size and its errors.
     **Raises:** ``ValueError`` for tolerances that are not positive, or so small that a detail does
-    not fit 32 bits.
+    not fit 32 bits, several clips at once, and ``levels`` or ``times`` as :func:`build_pyramid`.
     """
     check_single(motion, "compress")
     for name, value in (("rotation", rotation_tolerance), ("translation", translation_tolerance)):

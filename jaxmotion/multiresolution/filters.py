@@ -32,29 +32,40 @@ from jaxmotion.quaternion.parts import together
 def orientation_filter(q: Quaternion, mask: ArrayLike) -> Quaternion:
     """H(q): rotations over time through a mask.
 
+    Lee & Shin 2001, Eq. 5, 6.
+
     **Arguments:** ``q``: f[T, ..., 4], unit; ``mask``: a₋ₖ … aₖ, f[2k + 1], or f[T, 2k + 1] with a
     row a frame. Its sum is 1; the middle coefficient is taken to be what makes it so.
     **Returns:** f[T, ..., 4], neighbours in one hemisphere.
-    **Raises:** ``ValueError`` for a mask of even width, another number of rows or another sum.
-    Lee & Shin 2001, Eq. 5, 6.
+    **Raises:** ``ValueError`` for a mask of even width, another number of rows or another sum; at
+    run time for the sum of a traced mask.
     """
     q = jnp.asarray(q)
     return _orientation_filter(q, _step_weights(mask, q.shape[0], q.dtype))
 
 
 def vector_filter(x: Float[AnyArray, "time *rest"], mask: ArrayLike) -> Float[Array, "time *rest"]:
-    """F(x): vectors over time through a mask; arguments and errors as :func:`orientation_filter`,
-    with f[T, ...] for the rotations. Lee & Shin 2001, Eq. 4."""
+    """F(x): vectors over time through a mask.
+
+    Lee & Shin 2001, Eq. 4; past the ends the steps are mirrored, Eq. 6.
+
+    **Arguments:** ``x``: f[T, ...], in any unit; ``mask``: as :func:`orientation_filter`.
+    **Returns:** f[T, ...], in the same unit.
+    **Raises:** ``ValueError``, or at run time, as :func:`orientation_filter`.
+    """
     x = jnp.asarray(x)
     return _vector_filter(x, _step_weights(mask, x.shape[0], x.dtype))
 
 
 def filter_motion(motion: Motion, mask: ArrayLike) -> Motion:
-    """Every joint's translation by :func:`vector_filter` and rotation by
-    :func:`orientation_filter`.
+    """Every joint's translation and rotation through a mask.
 
-    **Arguments:** ``motion``: T frames; ``mask``: as there.
-    **Returns:** a motion of the same shape. Lee & Shin 2001, Eq. 4–6.
+    By :func:`vector_filter` and :func:`orientation_filter`. Lee & Shin 2001, Eq. 4–6.
+
+    **Arguments:** ``motion``: T frames, one clip; ``mask``: f[2k + 1] or f[T, 2k + 1], as
+    :func:`orientation_filter`.
+    **Returns:** a motion of the same shape.
+    **Raises:** ``ValueError`` for several clips at once; otherwise as :func:`orientation_filter`.
     """
     check_single(motion, "filter_motion")
     weights = _step_weights(mask, motion.num_frames, motion.dtype)

@@ -31,10 +31,12 @@ def smoothing_mask(
     *,
     times: Float[AnyArray, " time"] | None = None,
 ) -> Float[Array | np.ndarray, "*time width"]:
-    """δ − (−1)ʲ λ Lʲ/(2j)!: smoothing by the j-th power of the Laplacian. Lee & Shin, Eq. 8–9.
+    """Smoothing by the j-th power of the Laplacian: δ − (−1)ʲ λ Lʲ/(2j)!.
 
-    **Arguments:** ``power``: j ≥ 1; ``strength``: λ; (2j)!/4ʲ removes the fastest oscillation
-    (½ for j = 1, 1.5 for j = 2); ``times``: f[T], increasing, where frames are not evenly spaced.
+    Lee & Shin 2001, Eq. 8–9.
+
+    **Arguments:** ``power``: j ≥ 1; ``strength``: λ; (2j)!/4ʲ removes the fastest oscillation (½
+    for j = 1, 1.5 for j = 2); ``times``: f[T], increasing, where frames are not evenly spaced.
     **Returns:** f[2j + 1], or f[T, 2j + 1] for times.
     **Raises:** ``ValueError`` for a power below 1.
     """
@@ -59,8 +61,10 @@ def smoothing_mask(
 
 
 def binomial_mask(half_width: int) -> Float[np.ndarray, " width"]:
-    """C(2k, k + m)/4ᵏ: the smooth bell of half-width k ≥ 0. f64[2k + 1].
+    """The smooth bell C(2k, k + m)/4ᵏ.
 
+    **Arguments:** ``half_width``: k ≥ 0, in frames.
+    **Returns:** f64[2k + 1], symmetric.
     **Raises:** ``ValueError`` for a negative half-width.
     """
     if half_width < 0:
@@ -76,9 +80,10 @@ def band_pass_mask(low: float, high: float, half_width: int) -> Float[np.ndarray
     band: the mask is a Hamming-windowed band plus as much of the window itself, the slowest bell of
     this width (about 2/half_width cycles a frame wide), as makes the sum 1.
 
-    **Arguments:** 0 ≤ low < high ≤ ½; ``half_width``: k ≥ 1, in frames; more is sharper.
+    **Arguments:** ``low``, ``high``: cycles a frame, 0 ≤ low < high ≤ ½; ``half_width``: k ≥ 1, in
+    frames; more is sharper.
     **Returns:** f64[2k + 1], symmetric.
-    **Raises:** ``ValueError`` for a band outside that.
+    **Raises:** ``ValueError`` for a band or a half-width outside that.
     """
     if not 0 <= low < high <= 0.5 or half_width < 1:
         raise ValueError(

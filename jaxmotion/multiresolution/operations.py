@@ -26,10 +26,13 @@ def level_of_detail(
 ) -> Motion:
     """The motion without the details finer than a level.
 
-    **Arguments:** ``level``: n + α in [0, N], traced or not: 0 leaves the base, N everything, a
-    fraction a part of the next details; beyond counts as the end of the range;
-    ``keep_contacts``: as :func:`scale_details`.
-    **Returns:** a motion of the original's frames. Lee & Shin 2001, §4.1.
+    Lee & Shin 2001, §4.1.
+
+    **Arguments:** ``pyramid``: of N levels; ``level``: n + α in [0, N], traced or not: 0 leaves the
+    base, N everything, a fraction a part of the next details; beyond counts as the end of the
+    range; ``keep_contacts``: as :func:`scale_details`.
+    **Returns:** a motion of the original's frames.
+    **Raises:** ``ValueError`` for ``keep_contacts`` as :func:`scale_details`.
     """
     finest = jnp.arange(pyramid.levels, dtype=pyramid.base.dtype)
     gains = jnp.clip(jnp.asarray(level, pyramid.base.dtype) - finest, 0, 1)
@@ -41,13 +44,16 @@ def scale_details(
 ) -> Motion:
     """The motion with its details enhanced (gain > 1) or attenuated (< 1).
 
-    **Arguments:** ``gains``: a scalar, f[N] one a level from coarse to fine, or f[N, J] one a level
-    and joint (f[1, J] for all levels alike); ``keep_contacts``: True finds what touches in the
-    original and restores it (:func:`jaxmotion.spacetime.keep_contacts`), contacts are restored as
-    given (under ``jit`` only these).
-    **Returns:** a motion of the original's frames; gains of 1 give it back exactly as
-    ``pyramid.reconstruct()`` does. **Raises:** ``ValueError`` for gains of another shape.
     Lee & Shin 2001, §4.2.
+
+    **Arguments:** ``pyramid``: of N levels; ``gains``: a scalar, f[N] one a level from coarse to
+    fine, or f[N, J] one a level and joint (f[1, J] for all levels alike); ``keep_contacts``: True
+    finds what touches in the original and restores it (:func:`jaxmotion.spacetime.keep_contacts`),
+    contacts are restored as given (under ``jit`` only these), False lets them go.
+    **Returns:** a motion of the original's frames; gains of 1 give it back exactly as
+    ``pyramid.reconstruct()`` does.
+    **Raises:** ``ValueError`` for gains of another shape, contacts of another number of frames, or
+    True under ``jit``.
     """
     gains = jnp.asarray(gains, pyramid.base.dtype)
     levels, joints = pyramid.levels, pyramid.base.num_joints
@@ -76,13 +82,16 @@ def blend(
 ) -> Motion:
     """``second`` with what ``first`` has and ``reference`` lacks: limp + (turn − walk).
 
-    **Arguments:** three clips of T frames and one skeleton, aligned in time
-    (:mod:`jaxmotion.timing`) and standing alike; ``levels``, ``times``: as :func:`build_pyramid`;
-    ``keep_contacts``: True finds what touches in ``second`` and restores it in the blend
-    (:func:`jaxmotion.spacetime.keep_contacts`), contacts are restored as given (under ``jit`` only
-    these).
-    **Returns:** T frames, at the rate of ``second``. blend(a, b, a) = blend(a, a, b) = b.
-    **Raises:** ``ValueError`` for clips of different shapes. Lee & Shin 2001, Eq. 20.
+    blend(a, b, a) = blend(a, a, b) = b. Lee & Shin 2001, Eq. 20.
+
+    **Arguments:** ``reference``, ``first``, ``second``: clips of T frames and one skeleton, aligned
+    in time (:mod:`jaxmotion.timing`) and standing alike; ``levels``, ``times``: as
+    :func:`build_pyramid`; ``keep_contacts``: True finds what touches in ``second`` and restores it
+    in the blend (:func:`jaxmotion.spacetime.keep_contacts`), contacts are restored as given (under
+    ``jit`` only these), False lets them go.
+    **Returns:** a motion of T frames, at the rate of ``second``.
+    **Raises:** ``ValueError`` for clips of different shapes, ``levels`` and ``times`` as
+    :func:`build_pyramid`, and ``keep_contacts`` as :func:`scale_details`.
     """
     clips = {"first": first, "second": second}
     for name, clip in clips.items():

@@ -62,13 +62,13 @@ _DEEPEST = 6  # default levels: 64 frames between those of the base
 class Pyramid(Portable):
     """A motion as base and details.
 
-    **Fields:** ``base``: Motion of k frames, 2ᴺ times the frame time; ``details``: N
-    Displacements in the body sense, coarse to fine, each of its level's frames (lazy: of the odd
-    ones); ``times``: f[T] of the finest level if unevenly spaced, else None; ``length``: how many
-    frames of the finest level count, None for all; ``frames``: of each level, base first, N + 1
-    numbers, static; ``skips``: how many frames each expansion drops at its front, N numbers,
-    static, 0 or (in clips that were continued at their start) 1; ``lazy``: static;
-    ``frame_time_text``: the motion's, a file fact.
+    **Fields:** ``base``: Motion of k frames, 2ᴺ times the frame time; ``details``: N Displacements
+    in the body sense, coarse to fine, each of its level's frames (lazy: of the odd ones);
+    ``times``: f[T] of the finest level if unevenly spaced, else None; ``length``: i[], how many
+    frames of the finest level count, None for all; ``frames``: number of frames of each level, base
+    first, N + 1 numbers, static; ``skips``: how many frames each expansion drops at its front, N
+    numbers, static, 0 or (in clips that were continued at their start) 1; ``lazy``: whether nothing
+    was smoothed between levels, static; ``frame_time_text``: the motion's, a file fact.
     """
 
     base: Motion
@@ -86,7 +86,10 @@ class Pyramid(Portable):
         return len(self.details)
 
     def reconstruct(self) -> Motion:
-        """The motion that was taken apart, to rounding; its quaternions' signs are aligned."""
+        """The motion that was taken apart, to rounding; its quaternions' signs are aligned.
+
+        **Returns:** a motion of T frames.
+        """
         return synthesize(self, jnp.ones((self.levels, self.base.num_joints), self.base.dtype))
 
 
@@ -98,16 +101,19 @@ def build_pyramid(
     lazy: bool = False,
     length: ScalarLike | None = None,
 ) -> Pyramid:
-    """Take a motion apart.
+    """Take a motion apart into a coarse base and N layers of detail.
 
-    **Arguments:** ``motion``: T ≥ 1 frames; ``levels``: N, by default as many as leave a base of at
-    least 4 frames, but no more than 6; ``times``: f[T], increasing, if the frames are not evenly
-    spaced (§3.4); ``lazy``: do not smooth between levels, no extra storage; ``length``: how many
-    frames count, traced or not, when the rest is padding (any rotations; what comes out there means
-    nothing), so that one compiled function serves clips of many lengths.
+    Lee & Shin 2001, Eq. 11–12; uneven times §3.4.
+
+    **Arguments:** ``motion``: T ≥ 1 frames, one clip; ``levels``: N, by default as many as leave a
+    base of at least 4 frames, but no more than 6; ``times``: f[T], increasing, in any unit, if the
+    frames are not evenly spaced; ``lazy``: do not smooth between levels, no extra storage;
+    ``length``: how many frames count, traced or not, when the rest is padding (any rotations; what
+    comes out there means nothing), so that one compiled function serves clips of many lengths.
     **Returns:** :class:`Pyramid`.
-    **Raises:** ``ValueError`` for more levels than the frames allow, or times that do not fit; at
-    run time for traced times that do not increase.
+    **Raises:** ``ValueError`` for several clips at once, levels that the frames do not allow, times
+    that are not one a frame or do not increase, or a length outside 1 to T; at run time for such
+    times or such a length that are traced.
     """
     check_single(motion, "build_pyramid")
     levels = level_count(motion.num_frames, levels, "build_pyramid")

@@ -54,18 +54,21 @@ def stitch(
 ) -> Motion:
     """Clips one after another, seamlessly.
 
-    **Arguments:** ``motions``: one or more clips of one skeleton and frame time; ``levels``: N,
-    a transition takes about 2·2ᴺ frames; by default the power of two that is nearest to half a
-    second (which needs a concrete frame time), or less if a clip is short; ``align``: move each
-    clip in the ground plane (:func:`follow`) to where the one before it ends; ``search``: drop up
-    to so many frames on either side of a seam to cut where it shows least (:func:`best_cut`);
+    Lee & Shin 2001, Eq. 21, corrected.
+
+    **Arguments:** ``motions``: one or more clips of one skeleton and frame time; ``levels``: N, a
+    transition takes about 2·2ᴺ frames; by default the power of two that is nearest to half a second
+    (which needs a concrete frame time), or less if a clip is short; ``align``: move each clip in
+    the ground plane (:func:`follow`) to where the one before it ends; ``search``: drop up to so
+    many frames on either side of a seam to cut where it shows least (:func:`best_cut`);
     ``keep_contacts``: True finds what touches in the clips, put end to end, and restores it
     (:func:`jaxmotion.spacetime.keep_contacts`), contacts are restored as given, for the frames of
-    the result (under ``jit`` only these).
-    **Returns:** T_A + T_B − 1 + T_C − 1 … frames, less what the search dropped.
-    **Raises:** ``ValueError`` for no clips, clips of different skeletons or frame times, or a
-    search in traced clips.
-    Lee & Shin 2001, Eq. 21.
+    the result (under ``jit`` only these), False lets them go.
+    **Returns:** a motion of T_A + T_B − 1 + T_C − 1 … frames, less what the search dropped.
+    **Raises:** ``ValueError`` for no clips, several clips in one motion, clips of different joints
+    or frame times, levels that a clip does not allow, a negative search or one in traced clips, a
+    traced frame time without ``levels``, contacts of another number of frames, or True for them
+    under ``jit``; at run time for traced frame times that differ.
     """
     if not motions:
         raise ValueError("stitch: motions is empty; expected at least one clip")
@@ -88,13 +91,16 @@ def stitch(
 
 
 def best_cut(first: Motion, second: Motion, search: int) -> tuple[int, int]:
-    """How many frames to drop at the end of ``first`` and at the start of ``second`` so that the
-    seam shows least: at most ``search`` of each, and at most half of a clip.
+    """How many frames to drop on either side of a seam so that it shows least.
 
     The root, whose place and heading :func:`follow` sees to, is not compared, but its own
-    acceleration counts. O(search²·J), not traceable.
+    acceleration counts. The module has what is minimised. O(search²·J), not traceable.
 
-    **Raises:** ``ValueError`` for clips of different skeletons, traced clips or a negative search.
+    **Arguments:** ``first``, ``second``: clips of one skeleton and frame time; ``search``: how many
+    frames at most of each, and at most half of a clip.
+    **Returns:** (frames at the end of ``first``, frames at the start of ``second``), whole numbers.
+    **Raises:** ``ValueError`` for clips of different joints or frame times, traced clips or a
+    negative search.
     """
     second = _checked_second(first, second)
     if search < 0 or traced(first.rotations, second.rotations, first.frame_time):
@@ -146,11 +152,14 @@ def _squares_apart(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def follow(first: Motion, second: Motion) -> Motion:
-    """``second`` turned about the vertical and moved over the ground so that its root starts where
-    the root of ``first`` ends; heights and tilts stay.
+    """``second`` put where ``first`` ends: turned about the vertical, moved over the ground.
 
-    **Arguments:** two clips of one skeleton. **Returns:** a motion of ``second``'s shape.
-    **Raises:** ``ValueError`` for different skeletons.
+    Its root then starts where the root of ``first`` ends; heights and tilts stay.
+
+    **Arguments:** ``first``, ``second``: clips of one skeleton and frame time.
+    **Returns:** a motion of ``second``'s shape.
+    **Raises:** ``ValueError`` for clips of different joints or frame times, at run time for frame
+    times that are traced.
     """
     return _follow(first, _checked_second(first, second))
 

@@ -31,11 +31,14 @@ from jaxmotion.multiresolution.poses import (
 def reduce(motion: Motion, *, times: Times | None = None) -> Motion:
     """R: the clip smoothed and at half its rate.
 
-    **Arguments:** ``motion``: T frames; ``times``: f[T], increasing, if unevenly spaced (those of
-    the result are :func:`coarser_times`).
-    **Returns:** T//2 + 1 frames, twice the frame time; the last of an even T lies one step past the
-    end, where the clip is continued by Eq. 6. One frame stays one.
-    **Raises:** ``ValueError`` for times that do not fit or increase. Lee & Shin 2001, Eq. 13.
+    Lee & Shin 2001, Eq. 13.
+
+    **Arguments:** ``motion``: T frames, one clip; ``times``: f[T], increasing, if unevenly spaced
+    (those of the result are :func:`coarser_times`).
+    **Returns:** a motion of T//2 + 1 frames, twice the frame time; the last of an even T lies one
+    step past the end, where the clip is continued by Eq. 6. One frame stays one.
+    **Raises:** ``ValueError`` for several clips at once, or times that are not one a frame or do
+    not increase; at run time for traced times that do not.
     """
     check_single(motion, "reduce")
     times = checked_times(times, motion.num_frames, motion.dtype, "reduce")
@@ -45,11 +48,13 @@ def reduce(motion: Motion, *, times: Times | None = None) -> Motion:
 def expand(motion: Motion, num_frames: int | None = None, *, times: Times | None = None) -> Motion:
     """E: the clip at twice its rate, by subdivision; every second frame is one of the given.
 
-    **Arguments:** ``motion``: K frames; ``num_frames``: 2K − 1 (the default) or 2K − 2;
-    ``times``: f[num_frames] of the result, increasing, if unevenly spaced.
-    **Returns:** ``num_frames`` frames, half the frame time. One frame stays one.
-    **Raises:** ``ValueError`` for another number, or times that do not fit or increase.
     Lee & Shin 2001, Eq. 15–18.
+
+    **Arguments:** ``motion``: K frames, one clip; ``num_frames``: 2K − 1 (the default) or 2K − 2;
+    ``times``: f[num_frames] of the result, increasing, if unevenly spaced.
+    **Returns:** a motion of ``num_frames`` frames, half the frame time. One frame stays one.
+    **Raises:** ``ValueError`` for several clips at once, another number of frames, or times that
+    are not one a frame or do not increase; at run time for traced times that do not.
     """
     check_single(motion, "expand")
     whole = 2 * motion.num_frames - 1
@@ -64,22 +69,37 @@ def expand(motion: Motion, num_frames: int | None = None, *, times: Times | None
 
 
 def upsample(motion: Motion, octaves: int = 1) -> Motion:
-    """2^octaves times the frames a second, by :func:`expand`: (T − 1)·2^octaves + 1 of them."""
+    """2^octaves times the frames a second, by :func:`expand`.
+
+    **Arguments:** ``motion``: T frames, one clip; ``octaves``: 0 or more, static.
+    **Returns:** a motion of (T − 1)·2^octaves + 1 frames.
+    **Raises:** ``ValueError`` for negative octaves or several clips at once.
+    """
     for _ in range(_octaves("upsample", octaves)):
         motion = expand(motion)
     return motion
 
 
 def downsample(motion: Motion, octaves: int = 1) -> Motion:
-    """1/2^octaves of the frames a second, smoothed before each halving, by :func:`reduce`."""
+    """1/2^octaves of the frames a second, smoothed before each halving, by :func:`reduce`.
+
+    **Arguments:** ``motion``: T frames, one clip; ``octaves``: 0 or more, static.
+    **Returns:** a motion; each halving makes T//2 + 1 frames of T.
+    **Raises:** ``ValueError`` for negative octaves or several clips at once.
+    """
     for _ in range(_octaves("downsample", octaves)):
         motion = reduce(motion)
     return motion
 
 
 def coarser_times(times: Times) -> Float[Array, " coarse"]:
-    """The times of :func:`reduce`'s frames: every second one, and one past the end of an even
-    number of them."""
+    """The times of :func:`reduce`'s frames.
+
+    Every second one, and one past the end of an even number of them. Lee & Shin 2001, §3.4.
+
+    **Arguments:** ``times``: f[T], increasing, any unit.
+    **Returns:** f[T//2 + 1].
+    """
     times = jnp.asarray(times)
     if len(times) < 2:
         return times

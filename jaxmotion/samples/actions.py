@@ -22,10 +22,11 @@ _STEP = Roll(strike_pitch=0.12, toe_off_pitch=0.5, clearance=0.08)
 def idle(num_frames: int = 240, *, fps: Number = 60.0, seed: int = 0, dtype=None) -> Sample:
     """A person standing, both feet planted throughout, shifting weight, breathing, looking about.
 
-    **Arguments:** ``num_frames``, ``fps``: length and rate; ``seed``: of the wandering;
-    ``dtype``: float32 or float64, JAX's default when absent.
-    **Returns:** a :class:`Sample` with six contact points, all planted.
-    **Raises:** ``ValueError`` for bad arguments.
+    **Arguments:** ``num_frames``: T; ``fps``: frames a second; ``seed``: of the wandering, 0 or
+    more; ``dtype``: float32 or float64, JAX's default when absent.
+    **Returns:** a :class:`Sample` with six contact points (heels, balls, toes), all planted.
+    **Raises:** ``ValueError`` for a number of frames or a rate that is not positive, a negative
+    seed, a dtype other than float32 and float64, or float64 where JAX has its 64-bit types off.
     """
     t = check_timing(num_frames, fps, seed)
     rng = np.random.default_rng(seed)
@@ -66,10 +67,11 @@ def kick(
     Weight goes over the left foot, the right leg draws back with its knee bent, then hip and knee
     swing through more than π/2 within a quarter of a second, and the foot returns to its place.
 
-    **Arguments:** ``height``: radians the hip flexes at the top, up to 2; ``speed``: tempo; others
-    as :func:`idle`.
+    **Arguments:** ``height``: radians the hip flexes at the top, up to 2; ``speed``: tempo;
+    ``num_frames``, ``fps``, ``seed``, ``dtype``: as :func:`idle`.
     **Returns:** a :class:`Sample` with six contact points.
-    **Raises:** ``ValueError`` for bad arguments.
+    **Raises:** ``ValueError`` for a height or speed that is not positive, a height of more than 2,
+    and as :func:`idle`.
     """
     t = check_timing(num_frames, fps, seed, height=height, speed=speed)
     if height > 2.0:
@@ -142,9 +144,10 @@ def jump(
     """A person jumping forward from both feet, once every 2.5 seconds.
 
     **Arguments:** ``height``: metres the hips rise above standing, up to 0.6; ``distance``: metres
-    forward a jump, up to 1.2; others as :func:`idle`.
+    forward a jump, up to 1.2; ``num_frames``, ``fps``, ``seed``, ``dtype``: as :func:`idle`.
     **Returns:** a :class:`Sample` with six contact points.
-    **Raises:** ``ValueError`` for bad arguments.
+    **Raises:** ``ValueError`` for a height or distance that is not positive or beyond these bounds,
+    and as :func:`idle`.
     """
     t = check_timing(num_frames, fps, seed, height=height, distance=distance)
     for name, value, most in (("height", height, 0.6), ("distance", distance, 1.2)):
@@ -197,9 +200,10 @@ def dance(
 
     Hips roll with the beat, the body turns with the steps, arms circle to above the head.
 
-    **Arguments:** ``tempo``: beats a minute; others as :func:`idle`.
+    **Arguments:** ``tempo``: beats a minute; ``num_frames``, ``fps``, ``seed``, ``dtype``: as
+    :func:`idle`.
     **Returns:** a :class:`Sample` with six contact points.
-    **Raises:** ``ValueError`` for bad arguments.
+    **Raises:** ``ValueError`` for a tempo that is not positive, and as :func:`idle`.
     """
     t = check_timing(num_frames, fps, seed, tempo=tempo)
     rng = np.random.default_rng(seed)

@@ -18,13 +18,19 @@ _CLIPS: dict[str, Callable[..., Sample]] = {
 
 
 def names() -> tuple[str, ...]:
-    """What :func:`load` knows: "walk", "run", …"""
+    """The names of the clips that :func:`load` knows: "walk", "run" and so on.
+
+    **Returns:** a tuple of strings.
+    """
     return tuple(_CLIPS)
 
 
 def load(name: str, **options) -> Sample:
-    """The clip called ``name``; ``options`` go to the function of that name.
+    """The clip called ``name``.
 
+    **Arguments:** ``name``: one of :func:`names`; ``options``: arguments of the function of that
+    name, such as ``num_frames=100``.
+    **Returns:** a :class:`Sample`.
     **Raises:** ``ValueError``, listing the names, if there is none; as the function otherwise.
     """
     one_of("load: name", name, _CLIPS)
@@ -41,9 +47,11 @@ def clean_and_noisy(
 ) -> tuple[Sample, Corrupted]:
     """A clip and the same with white noise on every rotation and on the root's position.
 
-    **Arguments:** ``rotation``: standard deviation of each component, radians; ``translation``: in
-    metres; ``seed``: of clip and noise; others as :func:`load`.
+    **Arguments:** ``name``: one of :func:`names`; ``rotation``: standard deviation of each
+    component of the noise, radians; ``translation``: the same in metres; ``seed``: of clip and
+    noise; ``options``: as :func:`load`.
     **Returns:** the clean :class:`Sample` and the :class:`Corrupted`.
+    **Raises:** ``ValueError`` as :func:`load` and :func:`add_noise`.
     """
     sample = load(name, seed=seed, **options)
     noise_key = jax.random.key(seed)

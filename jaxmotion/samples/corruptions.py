@@ -27,7 +27,11 @@ Key = PRNGKeyArray | UInt32[Array, "2"]
 
 
 class Corrupted(eqx.Module):
-    """A damaged clip: ``motion``, and ``mask`` bool[T, J], True where it was touched."""
+    """A damaged clip and what was damaged.
+
+    **Fields:** ``motion``: the damaged clip, T frames; ``mask``: bool[T, J], True where it was
+    touched; all else is bit-identical.
+    """
 
     motion: Motion
     mask: Bool[Array, "time joint"]
@@ -38,10 +42,13 @@ def add_noise(
 ) -> Corrupted:
     """White noise on every rotation and on the translations of the joints that have any.
 
-    **Arguments:** ``rotation``: standard deviation of each component, radians; ``translation``:
-    the same in the motion's length unit. The mask tells all joints if ``rotation`` is not 0, and
-    ``motion.translated_joints`` if ``translation`` is not.
-    **Raises:** ``ValueError`` for a negative amount.
+    The mask tells all joints if ``rotation`` is not 0, and ``motion.translated_joints`` if
+    ``translation`` is not.
+
+    **Arguments:** ``motion``: T frames; ``key``: of JAX's random numbers; ``rotation``: standard
+    deviation of each component, radians; ``translation``: the same in the file's unit.
+    **Returns:** :class:`Corrupted`.
+    **Raises:** ``ValueError`` for a negative amount, at run time where it is traced.
     """
     motion = _not_negative("add_noise", motion, rotation=rotation, translation=translation)
     kind = motion.dtype
@@ -53,8 +60,10 @@ def drop_frames(motion: Motion, key: Key, *, rate: ScalarLike = 0.1) -> Corrupte
 
     The mask's rows tell which: ``mask[:, 0]``.
 
-    **Arguments:** ``rate``: share of frames lost, from 0 to 1.
-    **Raises:** ``ValueError`` for a rate out of range.
+    **Arguments:** ``motion``: T frames; ``key``: of JAX's random numbers; ``rate``: probability
+    that a frame is lost, from 0 to 1.
+    **Returns:** :class:`Corrupted`.
+    **Raises:** ``ValueError`` for a rate out of range, at run time where it is traced.
     """
     motion = _with_share("drop_frames", motion, rate)
     return _drop(motion, key, jnp.asarray(rate, motion.dtype))
@@ -66,9 +75,11 @@ def slide_root(motion: Motion, key: Key, *, amount: ScalarLike = 0.1) -> Corrupt
     A constant velocity of random direction plus one slow seeded wave, along the two axes that are
     not ``skeleton.up``. Rotations stay.
 
-    **Arguments:** ``amount``: drift at the last frame, as a fraction of the skeleton's longest
-    chain from the root (about the height from the hips to the hands or toes).
-    **Raises:** ``ValueError`` for a negative amount.
+    **Arguments:** ``motion``: T frames; ``key``: of JAX's random numbers; ``amount``: drift at the
+    last frame, as a fraction of the skeleton's longest chain from the root (about the height from
+    the hips to the hands or toes).
+    **Returns:** :class:`Corrupted`; the mask tells the root.
+    **Raises:** ``ValueError`` for a negative amount, at run time where it is traced.
     """
     motion = _not_negative("slide_root", motion, amount=amount)
     return _slide(motion, key, jnp.asarray(amount, motion.dtype))
@@ -77,8 +88,10 @@ def slide_root(motion: Motion, key: Key, *, amount: ScalarLike = 0.1) -> Corrupt
 def flip_signs(motion: Motion, key: Key, *, rate: ScalarLike = 0.05) -> Corrupted:
     """Negate quaternions at random: the rotations stay the same, as after careless conversions.
 
-    **Arguments:** ``rate``: share of the entries negated, from 0 to 1.
-    **Raises:** ``ValueError`` for a rate out of range.
+    **Arguments:** ``motion``: T frames; ``key``: of JAX's random numbers; ``rate``: probability
+    that an entry is negated, from 0 to 1.
+    **Returns:** :class:`Corrupted`.
+    **Raises:** ``ValueError`` for a rate out of range, at run time where it is traced.
     """
     motion = _with_share("flip_signs", motion, rate)
     return _flip(motion, key, jnp.asarray(rate, motion.dtype))

@@ -75,11 +75,14 @@ def walk(
 ) -> Sample:
     """A person walking, from a left heel strike at the origin, along +Z.
 
-    **Arguments:** ``num_frames``, ``fps``: length and rate; ``speed``: m/s; ``stride``: metres
-    from a left strike to the next; ``turning``: rad/s, left positive; ``seed``: of small
-    irregularities of step and posture; ``dtype``: float32 or float64, JAX's default when absent.
+    **Arguments:** ``num_frames``: T; ``fps``: frames a second; ``speed``: metres a second;
+    ``stride``: metres from a left strike to the next; ``turning``: radians a second, left positive;
+    ``seed``: of small irregularities of step and posture, 0 or more; ``dtype``: float32 or float64,
+    JAX's default when absent.
     **Returns:** a :class:`Sample` with six contact points (heels, balls, toes).
-    **Raises:** ``ValueError`` for bad arguments or a stride the legs cannot make.
+    **Raises:** ``ValueError`` for a number of frames, rate, speed or stride that is not positive, a
+    turning that is not finite, a negative seed, a dtype as for :func:`idle`, or a stride the legs
+    cannot make.
     """
     return _two_legs(_WALK, num_frames, fps, speed, stride, turning, seed, dtype)
 
@@ -94,7 +97,13 @@ def run(
     seed: int = 0,
     dtype=None,
 ) -> Sample:
-    """A person running, with both feet in the air between steps; arguments as :func:`walk`."""
+    """A person running, with both feet in the air between steps.
+
+    **Arguments:** ``num_frames``, ``fps``, ``speed``, ``stride``, ``turning``, ``seed``, ``dtype``:
+    as :func:`walk`.
+    **Returns:** a :class:`Sample` with six contact points (heels, balls, toes).
+    **Raises:** ``ValueError`` as :func:`walk`.
+    """
     return _two_legs(_RUN, num_frames, fps, speed, stride, turning, seed, dtype)
 
 
@@ -110,8 +119,10 @@ def quadruped_walk(
 ) -> Sample:
     """A dog walking: left hind, left front, right hind, right front, a quarter period apart.
 
-    **Arguments:** as :func:`walk`. **Returns:** a :class:`Sample` with four contact points (paws).
-    **Raises:** as :func:`walk`.
+    **Arguments:** ``num_frames``, ``fps``, ``speed``, ``stride``, ``turning``, ``seed``, ``dtype``:
+    as :func:`walk`.
+    **Returns:** a :class:`Sample` with four contact points (paws).
+    **Raises:** ``ValueError`` as :func:`walk`.
     """
     phases, duty = (0.0, 0.5, 0.25, 0.75), 0.65
     return _four_legs(phases, duty, num_frames, fps, speed, stride, turning, seed, dtype)
@@ -127,7 +138,13 @@ def quadruped_trot(
     seed: int = 0,
     dtype=None,
 ) -> Sample:
-    """A dog trotting: diagonal legs together, in the air between; as :func:`quadruped_walk`."""
+    """A dog trotting: diagonal legs together, in the air between.
+
+    **Arguments:** ``num_frames``, ``fps``, ``speed``, ``stride``, ``turning``, ``seed``, ``dtype``:
+    as :func:`walk`.
+    **Returns:** a :class:`Sample` with four contact points (paws).
+    **Raises:** ``ValueError`` as :func:`walk`.
+    """
     phases, duty = (0.0, 0.5, 0.5, 0.0), 0.44
     return _four_legs(phases, duty, num_frames, fps, speed, stride, turning, seed, dtype)
 

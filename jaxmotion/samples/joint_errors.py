@@ -41,9 +41,13 @@ def offset_joints(
 ) -> Corrupted:
     """Turn a joint by a constant rotation, in its own frame, over each of ``runs`` runs.
 
-    **Arguments:** ``magnitude``: least and greatest angle, radians; ``length``: least and greatest
-    number of frames, both included; ``joints``: which may be hit, all but the root when absent.
-    **Raises:** ``ValueError`` for bad arguments.
+    **Arguments:** ``motion``: T frames; ``key``: of JAX's random numbers; ``runs``: how many, at
+    least 1; ``magnitude``: least and greatest angle, radians; ``length``: least and greatest number
+    of frames, both included; ``joints``: indices of those that may be hit, all but the root when
+    absent.
+    **Returns:** :class:`Corrupted`.
+    **Raises:** ``ValueError`` for fewer than one run, bounds that are not in order, negative
+    angles, runs of less than a frame, no joints, or joints that the skeleton does not have.
     """
     joints = _check_runs("offset_joints", motion, runs, length, joints)
     _check_range("offset_joints", "magnitude", magnitude)
@@ -58,7 +62,13 @@ def add_spikes(
     magnitude: tuple[float | int, float | int] = (0.5, 1.5),
     joints: Sequence[int] | None = None,
 ) -> Corrupted:
-    """Turn a joint by a rotation in a single frame, ``count`` times; as :func:`offset_joints`."""
+    """Turn a joint by a rotation, in its own frame, in a single frame, ``count`` times.
+
+    **Arguments:** ``count``: how many, at least 1; ``motion``, ``key``, ``magnitude``, ``joints``:
+    as :func:`offset_joints`.
+    **Returns:** :class:`Corrupted`.
+    **Raises:** ``ValueError`` as :func:`offset_joints`.
+    """
     joints = _check_runs("add_spikes", motion, count, (1, 1), joints, name="count")
     _check_range("add_spikes", "magnitude", magnitude)
     return _offset(motion, key, count, magnitude, (1, 1), joints)
@@ -78,8 +88,10 @@ def violate_limits(
     With v the rotation vector from the joint's first pose and e the direction of the longest v of
     the clip, v·e becomes max(v·e) + ``excess`` and the rest of v stays.
 
-    **Arguments:** ``excess``: least and greatest, radians; others as :func:`offset_joints`.
-    **Raises:** ``ValueError`` for bad arguments.
+    **Arguments:** ``excess``: least and greatest, radians; ``motion``, ``key``, ``runs``,
+    ``length``, ``joints``: as :func:`offset_joints`.
+    **Returns:** :class:`Corrupted`.
+    **Raises:** ``ValueError`` as :func:`offset_joints`.
     """
     joints = _check_runs("violate_limits", motion, runs, length, joints)
     _check_range("violate_limits", "excess", excess)
@@ -96,8 +108,10 @@ def freeze_joints(
 ) -> Corrupted:
     """Hold a joint at the rotation of a run's first frame for the frames that follow it.
 
-    **Arguments:** ``length``: frames held, the first not counted; others as :func:`offset_joints`.
-    **Raises:** ``ValueError`` for bad arguments.
+    **Arguments:** ``length``: frames held, the first not counted, least and greatest; ``motion``,
+    ``key``, ``runs``, ``joints``: as :func:`offset_joints`.
+    **Returns:** :class:`Corrupted`.
+    **Raises:** ``ValueError`` as :func:`offset_joints`.
     """
     joints = _check_runs("freeze_joints", motion, runs, length, joints)
     return _freeze(motion, key, runs, length, joints)
@@ -113,9 +127,11 @@ def swap_limbs(
 ) -> Corrupted:
     """Exchange the rotations of left and right joints, as mixed-up channels do, over runs.
 
-    **Arguments:** ``pairs``: joints to exchange, all together; when absent, every "Left…" with its
-    "Right…"; others as :func:`offset_joints`.
-    **Raises:** ``ValueError`` for bad arguments, or if no pair is given and none is found by name.
+    **Arguments:** ``pairs``: indices of joints to exchange, all together; when absent, every
+    "Left…" with its "Right…"; ``motion``, ``key``, ``runs``, ``length``: as :func:`offset_joints`.
+    **Returns:** :class:`Corrupted`.
+    **Raises:** ``ValueError`` as :func:`offset_joints`, for a joint named twice, or if no pair is
+    given and none is found by name.
     """
     chosen = _pairs_by_name(motion.skeleton) if pairs is None else [tuple(p) for p in pairs]
     if not chosen:
@@ -135,7 +151,11 @@ def inject_errors(
 ) -> Corrupted:
     """Offsets, limit violations, frozen joints and spikes together, ``runs`` of each.
 
-    **Arguments:** as :func:`offset_joints`. **Raises:** ``ValueError`` for bad arguments.
+    The magnitudes and joints are the defaults of each; spikes last a frame, whatever ``length`` is.
+
+    **Arguments:** ``motion``, ``key``, ``runs``, ``length``: as :func:`offset_joints`.
+    **Returns:** :class:`Corrupted`.
+    **Raises:** ``ValueError`` as :func:`offset_joints`.
     """
     offsets, limits, frozen, spikes = jax.random.split(key, 4)
     damaged = offset_joints(motion, offsets, runs=runs, length=length)

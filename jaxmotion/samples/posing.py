@@ -35,16 +35,12 @@ _FULL_REACH = 0.995
 class Sample(eqx.Module):
     """A synthetic clip and where its feet truly touch the floor.
 
-    **Fields:**
-
-    - ``motion``: the clean :class:`~jaxmotion.Motion`, in metres.
-    - ``contacts``: bool[T, K], exact: the point is planted on the floor in that frame.
-    - ``contact_positions``: f[T, K, 3], world: the plant, where planted, and the moving point
-      where not.
-    - ``contact_offsets``: f[K, 3], the point in its joint's frame.
-    - ``contact_joints``: that joint's index, K of them; static.
-    - ``contact_names``: "LeftHeel", "RightToe", …; static.
-    - ``floor``: height of the floor, along the skeleton's ``up``.
+    **Fields:** ``motion``: the clean :class:`~jaxmotion.Motion`, T frames, in metres; ``contacts``:
+    bool[T, K], exact: the point is planted on the floor in that frame; ``contact_positions``:
+    f[T, K, 3], world, metres: the plant, where planted, and the moving point where not;
+    ``contact_offsets``: f[K, 3], metres, the point in its joint's frame; ``contact_joints``: that
+    joint's index, K of them, static; ``contact_names``: "LeftHeel", "RightToe" and so on, static;
+    ``floor``: f[], metres, height of the floor along the skeleton's ``up``.
     """
 
     motion: Motion
@@ -60,6 +56,9 @@ class Sample(eqx.Module):
 
         What is left out are the frames just before and after a contact, in which the point has
         moved too little for anyone to tell.
+
+        **Arguments:** ``distance``: metres.
+        **Returns:** bool[T, K].
         """
         height = self.contact_positions[..., self.motion.skeleton.up_axis]
         return self.contacts | (height >= self.floor + distance)
@@ -97,8 +96,9 @@ def trunk(skeleton: Skeleton, num_frames: int, spine=(0, 0, 0), head=(0, 0, 0)) 
 def place_arm(local, skeleton: Skeleton, side: str, swing, lift, elbow, spread) -> None:
     """Pose one of the biped's arms, in place.
 
-    **Arguments**, f[T] or numbers, radians: ``swing``: forward; ``lift``: from hanging (0) up to
-    the side (π/2); ``elbow``: flexion; ``spread``: of the shoulder girdle, upward.
+    **Arguments:** ``local``: f[T, J, 3, 3], local rotations; ``side``: "Left" or "Right"; f[T] or
+    numbers, radians: ``swing``: forward; ``lift``: from hanging (0) up to the side (π/2);
+    ``elbow``: flexion; ``spread``: of the shoulder girdle, upward.
     """
     sign = 1.0 if side == "Left" else -1.0
     hang = np.asarray(lift, float) - 0.5 * np.pi

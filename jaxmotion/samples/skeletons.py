@@ -84,9 +84,11 @@ class Leg(NamedTuple):
 
 
 def biped(dtype=None) -> Skeleton:
-    """A person of 22 joints and five end sites, in metres: 1.78 m tall, legs of 0.92 m.
+    """A person of 22 joints and five end sites, in metres: 1.77 m tall, legs of 0.92 m.
 
-    **Arguments:** ``dtype``: of the offsets; JAX's default float when absent.
+    **Arguments:** ``dtype``: of the offsets, float32 or float64; JAX's default when absent.
+    **Returns:** a :class:`~jaxmotion.Skeleton`, Y up, facing +Z, in a T-pose.
+    **Raises:** ``ValueError`` for a dtype as for :func:`idle`.
     """
     return _build(_BIPED, _BIPED_ENDS, float_type(dtype))
 
@@ -94,7 +96,9 @@ def biped(dtype=None) -> Skeleton:
 def quadruped(dtype=None) -> Skeleton:
     """A dog of 26 joints and six end sites, in metres: 0.6 m at the withers.
 
-    **Arguments:** ``dtype``: of the offsets; JAX's default float when absent.
+    **Arguments:** ``dtype``: of the offsets, float32 or float64; JAX's default when absent.
+    **Returns:** a :class:`~jaxmotion.Skeleton`, Y up, facing +Z, standing.
+    **Raises:** ``ValueError`` for a dtype as for :func:`idle`.
     """
     return _build(_QUADRUPED, _QUADRUPED_ENDS, float_type(dtype))
 

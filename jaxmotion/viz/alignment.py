@@ -16,7 +16,8 @@ def plot_alignment(
 ) -> "Figure":
     """Draw the path of an alignment and the source time read for each frame of the reference.
 
-    **Arguments:** ``source``, ``reference``: what to call the clips.
+    **Arguments:** ``alignment``: of one pair of clips, not traced; times are in frames; ``source``,
+    ``reference``: what to call the clips.
     **Returns:** a Matplotlib figure of its own (``figure.savefig("path.png")``), outside pyplot.
     **Raises:** ``ImportError`` without Matplotlib.
     """

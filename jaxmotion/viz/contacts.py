@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 def plot_contacts(motion: Motion, contacts: Contacts) -> "Figure":
     """Draw the height of every contact point over time, its contacts shaded.
 
-    **Arguments:** ``motion``: T frames; ``contacts``: of its frames. Heights are in the file's
-    unit, times in seconds; the points share their axes.
+    Heights are in the file's unit, times in seconds; the points share their axes.
+
+    **Arguments:** ``motion``: T frames; ``contacts``: of T frames.
     **Returns:** a Matplotlib figure of its own (``figure.savefig("contacts.png")``), outside
     pyplot, with one row a point (one empty row if there are none).
     **Raises:** ``ValueError`` for contacts of another number of frames; ``ImportError`` without
