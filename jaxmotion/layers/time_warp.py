@@ -55,8 +55,12 @@ def time_warp(
 ) -> Motion:
     """A clip with another timing.
 
+    O(T·J). Differentiable in the motion, ``amount``, ``pairs`` and ``ease``. Source: Eom et al.
+    2019, §5.3 and Fig. 9.
+
     **Arguments:**
 
+    - ``motion``: T ≥ 1 frames.
     - ``amount``: a ≥ 0, slow down where displacements are large; 0.25 makes the clip a quarter
       longer, (N − 1)/(T − 1) − 1 makes it N frames; 0 (None) changes nothing.
     - ``pairs``: instead, f[K, 2] of (time in the source, time in the result), seconds, both
@@ -72,10 +76,18 @@ def time_warp(
       (:func:`jaxmotion.spacetime.keep_contacts`); or contacts of ``motion``, as found by
       ``contacts.detect`` (under ``jit`` only these).
 
-    **Returns:** a motion of the same frame time. Differentiable in the motion, ``amount``,
-    ``pairs`` and ``ease``.
-    **Raises:** ``ValueError`` for arguments that do not fit together or times that do not increase;
-    at run time for traced ones.
+    **Returns:** a motion of the same frame time.
+    **Raises:** ``ValueError`` for arguments that do not fit together, times that do not increase, a
+    negative ``amount`` or ``ease``, or traced arguments that decide the duration; at run time for
+    traced values.
+
+    **Example:**
+
+        >>> import jaxmotion as jm
+        >>> motion = jm.samples.load("walk").motion[:16]
+        >>> slower = jm.time_warp(motion, amount=1.0)
+        >>> len(motion), len(slower)
+        (16, 31)
     """
     if amount is not None and pairs is not None:
         raise ValueError("time_warp: amount and pairs are both given; expected one of them")
