@@ -36,6 +36,15 @@ from jaxmotion.quaternion.algebra import multiply
 from jaxmotion.quaternion.parts import normalized, product, rotated
 from jaxmotion.skeleton import Skeleton, levels_of
 
+__all__ = [
+    "WorldPose",
+    "WorldVelocity",
+    "facing_direction",
+    "forward_kinematics",
+    "mirrored_pairs",
+    "velocities",
+]
+
 Lanes = Float[Array, "joint _ #time"]
 
 
@@ -329,9 +338,9 @@ def facing_direction(
     **Example:**
 
         >>> import jaxmotion as jm
-        >>> facing = jm.facing_direction(jm.samples.load("walk").motion)
-        >>> facing.shape, round(float(facing[:, 2].mean()), 1)
-        ((240, 3), 1.0)
+        >>> facing = jm.facing_direction(jm.samples.load("walk").motion[:16])
+        >>> facing.shape, bool(facing[:, 2].min() > 0.9)
+        ((16, 3), True)
     """
     pairs = _body_pairs(motion.skeleton) if pairs is None else pairs
     if not pairs:

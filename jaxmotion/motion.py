@@ -18,6 +18,8 @@ from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, Scalar
 from jaxmotion.skeleton import Skeleton
 
+__all__ = ["Motion"]
+
 
 class Motion(Portable):
     """A clip. Slice it along time: ``motion[10:90]``, ``motion[::2]`` (the frame time doubles).

@@ -22,6 +22,8 @@ from jaxmotion._file_facts import file_fact
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
 
+__all__ = ["AsfBone", "Conventions", "Skeleton"]
+
 DEFAULT_ROOT_CHANNELS = (
     "Xposition",
     "Yposition",

@@ -39,7 +39,8 @@ def reorient(motion: Motion, up: str = "y") -> Motion:
         >>> import jaxmotion as jm
         >>> motion = jm.samples.load("walk").motion
         >>> turned = jm.reorient(motion, "z")
-        >>> turned.skeleton.up, bool((turned.root_positions[:, 2] == motion.root_positions[:, 1]).all())
+        >>> heights = turned.root_positions[:, turned.skeleton.up_axis]
+        >>> turned.skeleton.up, bool((heights == motion.root_positions[:, 1]).all())
         ('z', True)
     """
     one_of("reorient: up", up, ("x", "y", "z"))

@@ -11,6 +11,9 @@ not at all. Trouble with a file's contents is a :class:`MotionFileError` (path, 
 was found, what was expected, what to try); a repair, or a change that the format forced, is a
 :class:`MotionFileWarning`. What a format leaves open (the up axis, a frame rate) is assumed, can be
 told, and is kept: :mod:`jaxmotion.io.conventions`.
+
+Public are the names of this room, and the readers and writers of the modules in the table; the
+other modules are the library's own.
 """
 
 from os import PathLike

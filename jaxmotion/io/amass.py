@@ -37,6 +37,8 @@ from jaxmotion.io.precision import float_type
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Conventions, Skeleton
 
+__all__ = ["load_amass"]
+
 _RATES = ("mocap_framerate", "mocap_frame_rate", "mocap_frequency")
 _POSES = "rotation vectors (T, 66), (T, 72), (T, 156) or (T, 165)"
 # The parts of split poses in SMPL-X's order, and how wide they are.

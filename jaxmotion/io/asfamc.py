@@ -54,6 +54,8 @@ from jaxmotion.io.text import encoding_for
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import AsfBone, Conventions, Skeleton
 
+__all__ = ["load_amc", "save_amc"]
+
 _DECIMALS = 12
 _ASSUMED_FPS = 120.0
 

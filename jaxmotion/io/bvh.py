@@ -62,6 +62,8 @@ from jaxmotion.io.text import decoded, plain_bytes
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Conventions, Skeleton
 
+__all__ = ["load_bvh", "save_bvh"]
+
 # First on its line or after a brace; elsewhere it is a joint's name.
 _MOTION = re.compile(rb"(?:^[ \t\v\f]*|\}\s*)(MOTION)(?=\s|\Z)", re.IGNORECASE | re.MULTILINE)
 _MOST_POSES_A_BYTE = 100

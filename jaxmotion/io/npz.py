@@ -28,6 +28,8 @@ from jaxmotion.io.soundness import check_arrays, trouble
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import AsfBone, Conventions, Skeleton
 
+__all__ = ["load_npz", "save_npz"]
+
 MARK = "jaxmotion_motion"
 _VERSION = 1
 _ARRAYS = ("translations", "rotations", "frame_time", "offsets", "end_offsets")
