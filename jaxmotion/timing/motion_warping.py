@@ -48,12 +48,16 @@ from jaxmotion.timing.frame_distance import frame_distance
 class MotionWarp(Portable):
     """What :func:`motion_warping` found; without a shared warp every field ends in a channel axis.
 
-    **Fields:** ``runs``: i32[N_s], how many refined reference frames each source frame covers, w;
-    ``scale``: f[N_s, C], a; ``offset``: f[N_s, C], b; ``energy``: f[2 max_iterations], E after each
-    half step, its last value repeated to the end; ``converged``: bool[], whether it stopped before
-    ``max_iterations``, or by the last of them; ``iterations``: i32[], how many were run;
-    ``repeats``: m, refined frame t stands for reference frame t // m, static; ``num_refined``: m
-    N_r, frames of the refined timeline, static.
+    **Fields:**
+
+    - ``runs``: i32[N_s], how many refined reference frames each source frame covers, w.
+    - ``scale``: f[N_s, C], a.
+    - ``offset``: f[N_s, C], b.
+    - ``energy``: f[2 max_iterations], E after each half step; its last value repeats to the end.
+    - ``converged``: bool[], whether it stopped by itself.
+    - ``iterations``: i32[], how many were run.
+    - ``repeats``: m; refined frame t stands for reference frame t // m; static.
+    - ``num_refined``: m N_r, frames of the refined timeline; static.
     """
 
     runs: Int[Array, "source ..."]
@@ -98,18 +102,25 @@ def motion_warping(
 ) -> MotionWarp:
     """Align a source clip with a reference while scaling and shifting its channels over time.
 
-    The warp is a discrete choice; ``scale`` and ``offset`` are differentiable given the warp. Cost
-    a round: O(N_s N_r m³ + N_s C). Source: Hsu, Pulli & Popović 2005; Wu et al. §4, eq. 1-3.
+    O(N_s N_r m³ + N_s C) a round. The warp is a discrete choice; ``scale`` and ``offset`` are
+    differentiable given the warp. Source: Hsu, Pulli & Popović 2005; Wu et al. §4, eq. 1-3.
 
-    **Arguments:** ``source``: f[N_s, C], channels of the clip to warp, angles unwrapped;
-    ``reference``: f[N_r, C], the clip to follow; ``shared``: one warp for all channels, or one per
-    channel; ``slope``: m, the steepest local slope either way; by default the smallest that fits
-    both clips, at least 2; ``scale_smoothness``: w_a > 0, weight of the first difference of the
-    scale; ``offset_smoothness``: w_b > 0, the same for the offset (what the normal equations have
-    no digits for, below 16 m √ε of the dtype, is refused); ``max_iterations``: most rounds of warp
-    and fit; ``tolerance``: largest change of the scaled and shifted channels that counts as none,
-    as a share of their spread; ``throw``: whether still changing by more after ``max_iterations``
-    is an error (else look at ``converged``).
+    **Arguments:**
+
+    - ``source``: f[N_s, C], channels of the clip to warp, angles unwrapped.
+    - ``reference``: f[N_r, C], the clip to follow.
+    - ``shared``: one warp for all channels, or one per channel.
+    - ``slope``: m, the steepest local slope either way; by default the smallest that fits both
+      clips, at least 2.
+    - ``scale_smoothness``: w_a > 0, weight of the first difference of the scale.
+    - ``offset_smoothness``: w_b > 0, the same for the offset. What the normal equations have no
+      digits for, below 16 m √ε of the dtype, is refused.
+    - ``max_iterations``: most rounds of warp and fit.
+    - ``tolerance``: largest change of the scaled and shifted channels that counts as none, as a
+      share of their spread.
+    - ``throw``: whether still changing by more after ``max_iterations`` is an error (else look at
+      ``converged``).
+
     **Returns:** :class:`MotionWarp`.
     **Raises:** ``ValueError`` for shapes that do not fit, a slope too small for these lengths, or a
     smoothness outside of what the dtype can solve; at run time for clips that are not finite, and

@@ -93,8 +93,9 @@ def resample(
     - ``signs``: "min_energy", "nearest" or the "input"'s own (no matter to "slerp").
 
     **Returns:** a motion of N frames with its frame time.
-    **Raises:** ``ValueError`` for arguments that do not fit together, a batch, an ``index`` that
-    does not increase or a negative ``smoothing``; at run time for the last two when traced.
+    **Raises:** ``ValueError`` for unknown choices, arguments that do not fit together, a batch, an
+    ``index`` that does not increase or a negative ``smoothing``; at run time for the last two when
+    traced.
 
     **Example:**
 

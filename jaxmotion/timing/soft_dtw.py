@@ -69,12 +69,17 @@ def soft_dtw(
     One pair of clips; ``jax.vmap`` makes many. O(n m). Differentiable in x, y, cost and gamma in
     both modes, to any order. Source: Cuturi & Blondel 2017, algorithms 1 and 2.
 
-    **Arguments:** ``x``: features f[n, f], or local rotations f[n, J, 4] with ``metric="pose"``;
-    ``y``: features f[m, f] or rotations f[m, J, 4]; ``gamma``: temperature > 0, in the unit of the
-    cost; as small as the dtype has, the value is that of :func:`dtw`; ``cost``: f[n, m], a cost
-    matrix instead of x and y; ``metric``: distance of two frames, see :func:`frame_distance`;
-    ``x_length``, ``y_length``: frames of x and y that count when they are padded
-    (:func:`pad_to_bucket`); may be traced.
+    **Arguments:**
+
+    - ``x``: features f[n, f], or local rotations f[n, J, 4] with ``metric="pose"``.
+    - ``y``: features f[m, f] or rotations f[m, J, 4].
+    - ``gamma``: temperature > 0, in the unit of the cost. As small as the dtype has, the value is
+      that of :func:`dtw`.
+    - ``cost``: f[n, m], a cost matrix instead of x and y.
+    - ``metric``: distance of two frames; see :func:`frame_distance`.
+    - ``x_length``, ``y_length``: frames of x and y that count when they are padded
+      (:func:`pad_to_bucket`); may be traced.
+
     **Returns:** f[], in the unit of the cost; it may be negative.
     **Raises:** ``ValueError`` for bad shapes or lengths, an unknown metric, or a gamma that is not
     positive; at run time for traced ones.
