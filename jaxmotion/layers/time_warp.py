@@ -56,7 +56,7 @@ def time_warp(
     """A clip with another timing.
 
     O(T·J). Differentiable in the motion, ``amount``, ``pairs`` and ``ease``. Source: Eom et al.
-    2019, §5.3 and Fig. 9.
+    §5.3.
 
     **Arguments:**
 
@@ -72,22 +72,20 @@ def time_warp(
     - ``method``, ``smoothing``, ``signs``: as :func:`jaxmotion.resample`.
     - ``alpha``, ``residual``: gains of style and noise of the retimed signal, as
       :func:`jaxmotion.stylize`; without them it is left as it is.
-    - ``keep_contacts``: True finds what touches in ``motion`` and restores it in the result
-      (:func:`jaxmotion.spacetime.keep_contacts`); or contacts of ``motion``, as found by
-      ``contacts.detect`` (under ``jit`` only these).
+    - ``keep_contacts``: True restores what touches in ``motion`` in the result
+      (:func:`jaxmotion.spacetime.keep_contacts`); or contacts of ``motion`` (under ``jit`` only
+      these).
 
     **Returns:** a motion of the same frame time.
     **Raises:** ``ValueError`` for arguments that do not fit together, times that do not increase, a
-    negative ``amount`` or ``ease``, or traced arguments that decide the duration; at run time for
-    traced values.
+    negative ``amount`` or ``ease``, a duration that is traced; at run time for traced values.
 
     **Example:**
 
         >>> import jaxmotion as jm
-        >>> motion = jm.samples.load("walk").motion[:16]
-        >>> slower = jm.time_warp(motion, amount=1.0)
-        >>> len(motion), len(slower)
-        (16, 31)
+        >>> slower = jm.time_warp(jm.samples.load("walk").motion[:16], amount=1.0)
+        >>> len(slower)
+        31
     """
     if amount is not None and pairs is not None:
         raise ValueError("time_warp: amount and pairs are both given; expected one of them")
