@@ -67,8 +67,7 @@ def time_warp(
       strictly increasing: what happens then happens at that time, and speed never jumps. The clip
       starts at 0, and after the last pair takes the time it takes.
     - ``ease``: seconds of the result over which it leaves rest, and comes to rest.
-    - ``num_frames``: of the result; the module says how long it is otherwise. Needed where traced
-      arguments decide the duration.
+    - ``num_frames``: of the result, by default as the module says; needed for a traced duration.
     - ``method``, ``smoothing``, ``signs``: as :func:`jaxmotion.resample`.
     - ``alpha``, ``residual``: gains of style and noise of the retimed signal, as
       :func:`jaxmotion.stylize`; without them it is left as it is.
