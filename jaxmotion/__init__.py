@@ -13,6 +13,9 @@ Conventions, the same in every room:
   becomes NaN, as :func:`jaxmotion.checks` says.
 - Discrete choices (signs, warp paths, neighbours, thresholds) pass no gradient.
 
+What a room's ``__all__`` names is public; other modules and names are the library's own and may
+change.
+
 Names load on first use, so that ``jaxmotion --help`` does not wait for JAX.
 """
 

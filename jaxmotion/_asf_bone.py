@@ -6,9 +6,9 @@ import equinox as eqx
 class AsfBone(eqx.Module):
     """What an ASF file says of a bone beyond its offset; one a joint, all static.
 
-    ``axis``: Euler angles in degrees of the bone's own frame C, in ``axis_order``;
-    ``direction`` and ``length``: of the bone, which ends where its children begin;
-    ``limits``: (low, high) per degree of freedom, in degrees.
+    **Fields:** ``axis``: Euler angles in degrees of the bone's own frame C, in ``axis_order``;
+    ``direction`` and ``length``: of the bone, which ends where its children begin; ``limits``:
+    (low, high) per degree of freedom, in degrees.
     """
 
     axis: tuple[float, float, float] = eqx.field(static=True, default=(0.0, 0.0, 0.0))

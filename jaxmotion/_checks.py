@@ -52,18 +52,25 @@ _chosen = jax.make_user_context(None)
 def checks(mode: Mode) -> Iterator[None]:
     """Inside this ``with``, what faults do that only show when a compiled program runs.
 
-        with jaxmotion.checks("nan"):
-            exported = jax.export.export(jax.jit(jaxmotion.denoise))(motion)
+    Programs under "nan" and "off" call nothing on the host: they can be exported, and the
+    persistent compilation cache keeps them. Outside, the environment variable ``EQX_ON_ERROR``
+    decides, as for equinox, "raise" by default. The setting is read when a function is traced, and
+    is the current thread's; JAX traces again for another mode, your own ``jax.jit`` too. Arguments
+    known to Python raise ``ValueError`` in every mode.
 
     **Arguments:** ``mode``: "raise" stops with the message, which names the element of a batch;
-    "nan" makes what the function computes from that element NaN; "off" looks for nothing. Programs
-    under "nan" and "off" call nothing on the host: they can be exported, and the persistent
-    compilation cache keeps them. Otherwise the environment variable ``EQX_ON_ERROR`` decides, as
-    for equinox, "raise" by default.
-
-    Read when a function is traced, of the current thread; JAX traces again for another mode, your
-    own ``jax.jit`` too. Arguments known to Python raise ``ValueError`` in every mode.
+    "nan" makes what the function computes from that element NaN; "off" looks for nothing.
+    **Returns:** a context manager.
     **Raises:** ``ValueError`` for another mode.
+
+    **Example:**
+
+        >>> import jax, jaxmotion as jm
+        >>> smooth = jax.jit(lambda y, lam: jm.smoothing.lgs(y, lam, 1.0).mean)
+        >>> with jm.checks("nan"):
+        ...     mean = smooth(jax.numpy.ones(8), -1.0)
+        >>> bool(jax.numpy.isnan(mean).all())
+        True
     """
     one_of("checks: mode", mode, _MODES)
     with _chosen(mode):

@@ -20,6 +20,8 @@ from jaxmotion.displacement import minus, plus
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 
+__all__ = ["confine", "selection_weights"]
+
 
 def confine(original: Motion, edited: Motion, weight: ArrayLike) -> Motion:
     """The original where ``weight`` is 0, the edit where it is 1, and in between in between.

@@ -23,6 +23,8 @@ from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion import between, conjugate, exp, exp_half, log, log_half, multiply, rotate
 
+__all__ = ["Displacement", "minus", "plus"]
+
 Sense: TypeAlias = Literal["world", "body"]
 
 

@@ -18,6 +18,8 @@ from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, Scalar
 from jaxmotion.skeleton import Skeleton
 
+__all__ = ["Motion"]
+
 
 class Motion(Portable):
     """A clip. Slice it along time: ``motion[10:90]``, ``motion[::2]`` (the frame time doubles).
@@ -34,7 +36,17 @@ class Motion(Portable):
       (:mod:`jaxmotion._file_facts`): clips that differ in nothing else share compiled functions,
       can be stacked, and have, under a caller's ``jax.jit``, the text of the first clip traced.
 
-    **Raises:** ``ValueError`` when shapes do not fit the skeleton.
+    **Raises:** ``ValueError`` when shapes do not fit the skeleton, or a translated joint is none.
+
+    **Example:**
+
+        >>> import jaxmotion as jm
+        >>> motion = jm.samples.load("walk").motion
+        >>> half_rate = motion[:20:2]
+        >>> half_rate.rotations.shape, round(float(half_rate.fps), 1)
+        ((10, 22, 4), 30.0)
+        >>> round(float(motion.replace(frame_time=1 / 120).fps), 1)
+        120.0
     """
 
     skeleton: Skeleton
@@ -82,8 +94,10 @@ class Motion(Portable):
     ) -> "Motion":
         """A clip whose joints keep their offsets and only the root is translated.
 
-        **Arguments:** ``root_positions``: f[T, 3], world; ``rotations``: f[T, J, 4];
-        ``frame_time``: seconds; others as the class.
+        **Arguments:** ``skeleton``: of J joints; ``root_positions``: f[T, 3], world; ``rotations``:
+        f[T, J, 4]; ``frame_time``: seconds; ``kwargs``: as the class takes them.
+        **Returns:** a motion in the dtype of the rotations.
+        **Raises:** as the class.
         """
         rotations = jnp.asarray(rotations)
         offsets = jnp.asarray(skeleton.offsets, rotations.dtype)
@@ -126,8 +140,10 @@ class Motion(Portable):
         return self.num_frames
 
     def __getitem__(self, frames: slice | int | np.integer) -> "Motion":
-        """The chosen frames as a clip: a slice, or one frame by number (T = 1).
+        """The chosen frames as a clip.
 
+        **Arguments:** ``frames``: a slice, or one frame by number (T = 1).
+        **Returns:** a new motion; its frame time is multiplied by the length of the slice's step.
         **Raises:** ``ValueError`` for anything else, or no frames; ``IndexError`` out of range.
         """
         if isinstance(frames, (int, np.integer)):
@@ -149,7 +165,10 @@ class Motion(Portable):
     def replace(self, **changes) -> "Motion":
         """A copy with some fields changed: ``motion.replace(frame_time=1 / 60)``.
 
-        How the file spelt the frame time is left out with it.
+        With the frame time, how the file spelt it is left out.
+
+        **Arguments:** ``changes``: fields of the class by name.
+        **Returns:** a new motion.
         **Raises:** ``ValueError`` for what is no field, and as the class.
         """
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
@@ -160,7 +179,13 @@ class Motion(Portable):
         return Motion(**(fields | changes))
 
     def with_transforms(self, translations=None, rotations=None) -> "Motion":
-        """The same clip with other translations and/or rotations (any number of frames)."""
+        """The same clip with other translations and/or rotations.
+
+        **Arguments:** ``translations``: f[T, J, 3]; ``rotations``: f[T, J, 4]; of any number of
+        frames, None to keep those there are.
+        **Returns:** a new motion.
+        **Raises:** as the class.
+        """
         given = {"translations": translations, "rotations": rotations}
         return self.replace(**{name: x for name, x in given.items() if x is not None})
 

@@ -23,6 +23,8 @@ from jaxmotion._file_facts import file_fact
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
 
+__all__ = ["Conventions", "Skeleton"]
+
 DEFAULT_ROOT_CHANNELS = (
     "Xposition",
     "Yposition",
@@ -39,10 +41,10 @@ _FOOT = re.compile("ankle|foot|feet|paw|hoof")
 class Conventions:
     """What a clip's numbers mean, as far as its file or format tells; all static.
 
-    - ``up``, ``frame_time``, ``angle``: how the skeleton's up axis, the motion's frame time and the
-      file's unit of angles are known: "told" (by the file, its format or the caller), "guessed"
-      from the motion, or "assumed".
-    - ``metres``: the length of one unit, None where nothing tells.
+    **Fields:** ``up``, ``frame_time``, ``angle``: how the skeleton's up axis, the motion's frame
+    time and the file's unit of angles are known: "told" (by the file, its format or the caller),
+    "guessed" from the motion, or "assumed"; ``metres``: the length of one unit, None where nothing
+    tells.
     """
 
     up: str = "told"
@@ -71,6 +73,14 @@ class Skeleton(Portable):
     - ``conventions``: what is told and what assumed, a :class:`Conventions`; a file fact.
 
     **Raises:** ``ValueError`` when the pieces do not fit together.
+
+    **Example:**
+
+        >>> import numpy, jaxmotion as jm
+        >>> offsets = numpy.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.25, 0.0, 0.0]])
+        >>> arm = jm.Skeleton(["upper", "lower", "hand"], [-1, 0, 1], offsets)
+        >>> arm.num_joints, arm.index("hand"), arm.matching("*er"), arm.levels
+        (3, 2, (0, 1), ((0,), (1,), (2,)))
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -180,7 +190,12 @@ class Skeleton(Portable):
         return _children(self.parents)
 
     def index(self, name: str) -> int:
-        """Index of the joint called ``name``; ``ValueError`` lists the names if there is none."""
+        """Index of the joint called ``name``.
+
+        **Arguments:** ``name``: in the skeleton's own spelling.
+        **Returns:** the joint's number.
+        **Raises:** ``ValueError``, listing the names, if there is none.
+        """
         if name not in self.names:
             raise ValueError(f"no joint is called {name!r}; the joints are {', '.join(self.names)}")
         return self.names.index(name)
@@ -188,6 +203,8 @@ class Skeleton(Portable):
     def matching(self, pattern: str) -> tuple[int, ...]:
         """Indices of the joints whose names match a shell pattern such as ``"Left*"`` (any case).
 
+        **Arguments:** ``pattern``: as of :mod:`fnmatch`.
+        **Returns:** the joints' numbers, in order.
         **Raises:** ``ValueError``, listing the names, if none does.
         """
         found = tuple(

@@ -444,11 +444,9 @@ EXCEPTIONS = {
     "axes.doubt_up": "a sentence about a concrete clip, in NumPy",
     "axes.guess_up": "an axis for a concrete clip, in NumPy",
     "jaxmotion.checks": "a setting",
-    "skeleton.feet_by_name": "joint numbers from names",
     "io.save": "writes the file that the recipe of io.load reads",
     "kinematics.mirrored_pairs": "pairs of numbers, from names alone",
     "samples.names": "a list of names",
-    "skeleton.levels_of": "static: numbers from numbers",
     "viz.plot_alignment": "a picture",
     "viz.plot_contacts": "a picture",
 }

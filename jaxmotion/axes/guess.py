@@ -36,19 +36,38 @@ _STILL, _FROZEN, _REST = 0.01, 5e-4, np.cos(np.radians(20.0))
 
 
 class UpGuess(NamedTuple):
-    """``axis``: "x", "y", "z", or None if the motion does not show it; ``reason``: why, for people:
-    what it goes by, or what is missing."""
+    """The axis that points up, as far as a motion shows it.
+
+    **Fields:** ``axis``: "x", "y", "z", or None if the motion does not show it; ``reason``: why,
+    for people: what it goes by, or what is missing.
+
+    **Example:**
+
+        >>> import jaxmotion as jm
+        >>> axis, reason = jm.guess_up(jm.samples.load("walk").motion)
+        >>> axis, reason
+        ('y', 'it stands along y, on a level floor')
+    """
 
     axis: str | None
     reason: str
 
 
 def guess_up(motion: Motion) -> UpGuess:
-    """Guess the axis that points up from how the figure stands and moves; see the module.
+    """Guess the axis that points up from how the figure stands and moves.
+
+    See the module for the rules; what the figure does not show is not guessed. NumPy, O(J).
 
     **Arguments:** ``motion``: one clip of known values; its ``skeleton.up`` is not looked at.
     **Returns:** an :class:`UpGuess`.
     **Raises:** ``ValueError`` for a traced motion, a batch, or no frames.
+
+    **Example:**
+
+        >>> import jaxmotion as jm
+        >>> motion = jm.samples.load("walk").motion
+        >>> jm.guess_up(motion).axis, jm.guess_up(jm.reorient(motion, "z")).axis
+        ('y', 'z')
     """
     if traced(motion.rotations):
         raise ValueError("guess_up: the motion is traced; guess outside of jit and vmap")
@@ -92,8 +111,12 @@ def guess_up(motion: Motion) -> UpGuess:
 
 
 def doubt_up(motion: Motion) -> str:
-    """What speaks against the axis that ``motion.skeleton`` says points up, a sentence for people;
-    "" if nothing does. Arguments and errors as :func:`guess_up`."""
+    """What speaks against the axis that ``motion.skeleton`` says points up.
+
+    **Arguments:** ``motion``: as :func:`guess_up`.
+    **Returns:** a sentence for people; "" if nothing speaks against it.
+    **Raises:** as :func:`guess_up`.
+    """
     guess, skeleton = guess_up(motion), motion.skeleton
     if guess.axis in (None, skeleton.up):
         return ""

@@ -1,9 +1,9 @@
 """The command line, ``jaxmotion COMMAND FILES… -o OUT``.
 
-One file a command: any module here whose name does not begin with an underscore is a command, and
-defines ``command``, a ``click.Command`` whose docstring is its help. Nothing mathematical happens
-here. Modules import only click at the top; JAX and the library load inside functions, so help
-never waits for them.
+The library's own: public are the commands and their exit codes. One file a command: any module here
+whose name does not begin with an underscore is a command, and defines ``command``, a
+``click.Command`` whose docstring is its help. Nothing mathematical happens here. Modules import
+only click at the top; JAX and the library load inside functions, so help never waits for them.
 
 | module | what |
 |---|---|

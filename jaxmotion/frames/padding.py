@@ -16,7 +16,12 @@ from jaxmotion._types import AnyArray
 
 
 def bucket_size(num_frames: int, smallest: int = 16) -> int:
-    """The smallest of ``smallest · (1, 1½, 2, 3, 4, 6, 8, …)`` that holds ``num_frames``."""
+    """The smallest of ``smallest · (1, 1½, 2, 3, 4, 6, 8, …)`` that holds a clip.
+
+    **Arguments:** ``num_frames``: of the clip, at least 1; ``smallest``: the least size, even.
+    **Returns:** frames of the padded clip.
+    **Raises:** ``ValueError`` for no frames, or a ``smallest`` that is odd or below 2.
+    """
     if num_frames < 1 or smallest < 2 or smallest % 2:
         raise ValueError(
             f"num_frames={num_frames}, smallest={smallest}; want at least 1 and an even number"
@@ -32,13 +37,13 @@ def bucket_size(num_frames: int, smallest: int = 16) -> int:
 def pad_to_bucket(
     clip: Shaped[AnyArray, "frames ..."], size: int | None = None
 ) -> tuple[Shaped[AnyArray, "size ..."], int]:
-    """Repeat the last frame up to ``size`` frames, the clip's bucket when omitted.
+    """Repeat the last frame up to a clip's bucket.
 
-    Returns:
-        The padded clip ``(size, ...)`` and the number of frames that count, both to be passed on.
-
-    Raises:
-        ValueError: an empty clip, or a size smaller than the clip.
+    **Arguments:** ``clip``: (frames, ...); ``size``: frames of the padded clip, the clip's
+    :func:`bucket_size` when omitted.
+    **Returns:** the padded clip (size, ...) and the number of frames that count, both to be passed
+    on.
+    **Raises:** ``ValueError`` for an empty clip, or a size smaller than the clip.
     """
     frames = clip.shape[0]
     size = bucket_size(frames) if size is None else size

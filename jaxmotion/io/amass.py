@@ -37,6 +37,8 @@ from jaxmotion.io.precision import float_type
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Conventions, Skeleton
 
+__all__ = ["load_amass"]
+
 _RATES = ("mocap_framerate", "mocap_frame_rate", "mocap_frequency")
 _POSES = "rotation vectors (T, 66), (T, 72), (T, 156) or (T, 165)"
 # The parts of split poses in SMPL-X's order, and how wide they are.
@@ -111,12 +113,12 @@ def load_amass(
 ) -> Motion:
     """Read an AMASS motion.
 
-    **Arguments:** ``offsets``: f[J, 3], metres, of the subject's joints from their parents at rest
-    (the pelvis from the model's origin); by default the nominal adult's (see the module) of
-    ``height`` metres; ``fps``: frames a second, to overrule the file's or where it tells none;
-    ``up``: the axis that points up in the file, by default z, as in AMASS itself, or "auto" for a
-    guess (:func:`jaxmotion.reorient` turns the motion); ``dtype``: float32 or float64, by default
-    JAX's.
+    **Arguments:** ``path``: the file; ``offsets``: f[J, 3], metres, of the subject's joints from
+    their parents at rest (the pelvis from the model's origin); by default the nominal adult's (see
+    the module) of ``height`` metres; ``height``: of the nominal adult, metres; ``fps``: frames a
+    second, to overrule the file's or where it tells none; ``up``: the axis that points up in the
+    file, by default z, as in AMASS itself, or "auto" for a guess (:func:`jaxmotion.reorient` turns
+    the motion); ``dtype``: float32 or float64, by default JAX's.
     **Returns:** a :class:`~jaxmotion.Motion` in metres.
     **Raises:** :class:`MotionFileError` for a file that cannot be understood; ``OSError`` for one
     that cannot be opened; ``ValueError`` for impossible arguments.

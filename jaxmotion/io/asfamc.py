@@ -55,6 +55,8 @@ from jaxmotion.io.text import encoding_for
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Conventions, Skeleton
 
+__all__ = ["load_amc", "save_amc"]
+
 _DECIMALS = 12
 _ASSUMED_FPS = 120.0
 
@@ -71,18 +73,18 @@ def load_amc(
 ) -> Motion:
     """Read an AMC motion and its ASF skeleton.
 
-    **Arguments:** ``asf``: the skeleton's file; by default the one beside ``path`` with its stem,
-    or with the stem up to an underscore (``02_05.amc`` → ``02.asf``), or the folder's only one;
-    ``fps``: frames a second, by default what the file says, else 120; ``up``: the axis that points
-    up, which no file says, or "auto" for a guess; y is assumed; ``angle``: "deg" or "rad", by
-    default what the AMC says, else the ASF, else degrees; ``dtype``: float32 or float64, by default
-    JAX's; ``encoding``: of the .asf's names ("gbk"), by default told from their bytes
-    (:mod:`jaxmotion.io.text`).
+    **Arguments:** ``path``: the .amc file; ``asf``: the skeleton's file; by default the one beside
+    ``path`` with its stem, or with the stem up to an underscore (``02_05.amc`` → ``02.asf``), or
+    the folder's only one; ``fps``: frames a second, by default what the file says, else 120;
+    ``up``: the axis that points up, which no file says, or "auto" for a guess; y is assumed;
+    ``angle``: "deg" or "rad", by default what the AMC says, else the ASF, else degrees; ``dtype``:
+    float32 or float64, by default JAX's; ``encoding``: of the .asf's names ("gbk"), by default told
+    from their bytes (:mod:`jaxmotion.io.text`).
     **Returns:** a :class:`~jaxmotion.Motion`; ``skeleton.asf`` and ``skeleton.channels`` hold the
     bones' axes, limits and dofs.
     **Raises:** :class:`MotionFileError` for a file that cannot be understood, or no ASF;
-    ``OSError`` for one that cannot be opened; ``ValueError`` for an impossible ``fps``, ``up`` or
-    ``angle``.
+    ``OSError`` for one that cannot be opened; ``ValueError`` for a dtype that is not available, or
+    an impossible ``fps``, ``up`` or ``angle``.
     """
     asked = seconds_of(fps, "load_amc")
     if angle is not None:
@@ -143,12 +145,13 @@ def save_amc(
 ) -> None:
     """Write an AMC motion and its ASF skeleton, each whole or not at all.
 
-    **Arguments:** ``motion``: one clip; ``asf``: where the skeleton goes, by default ``path`` with
-    the suffix .asf; ``overwrite``: whether files of those names may be replaced; ``up``: the axis
-    that points up in the file, to which the motion is turned (:func:`jaxmotion.reorient`) with a
-    warning, or "keep".
+    **Arguments:** ``motion``: one clip; ``path``: the .amc file; ``asf``: where the skeleton goes,
+    by default ``path`` with the suffix .asf; ``overwrite``: whether files of those names may be
+    replaced; ``up``: the axis that points up in the file, to which the motion is turned
+    (:func:`jaxmotion.reorient`) with a warning, or "keep".
     **Raises:** ``ValueError`` for several clips, no frames, NaN, rotations that are no unit
-    quaternions, or one name for both files; ``FileExistsError`` and other ``OSError`` from writing.
+    quaternions, one name for both files, or another ``up``; ``FileExistsError`` and other
+    ``OSError`` from writing.
     """
     path = Path(path)
     asf = path.with_suffix(".asf") if asf is None else Path(asf)

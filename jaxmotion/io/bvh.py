@@ -62,6 +62,8 @@ from jaxmotion.io.text import decoded, plain_bytes
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Conventions, Skeleton
 
+__all__ = ["load_bvh", "save_bvh"]
+
 # First on its line or after a brace; elsewhere it is a joint's name.
 _MOTION = re.compile(rb"(?:^[ \t\v\f]*|\}\s*)(MOTION)(?=\s|\Z)", re.IGNORECASE | re.MULTILINE)
 _MOST_POSES_A_BYTE = 100
@@ -83,8 +85,9 @@ def load_bvh(
     axis that points up, which BVH does not say, or "auto" for a guess; y is assumed; ``encoding``:
     of the names ("gbk"), by default told from their bytes (:mod:`jaxmotion.io.text`).
     **Returns:** a :class:`~jaxmotion.Motion`, lengths in the file's unit.
-    **Raises:** :class:`~jaxmotion.io.MotionFileError` for a file that cannot be understood;
-    ``OSError`` for one that cannot be opened; ``ValueError`` for impossible arguments.
+    **Raises:** :class:`~jaxmotion.io.MotionFileError` for a file that cannot be understood, or an
+    impossible ``frame_time``; ``OSError`` for one that cannot be opened; ``ValueError`` for ``fps``
+    and ``frame_time`` together, or other impossible arguments.
     """
     dtype = float_type(dtype)
     if fps is not None and frame_time is not None:
@@ -149,7 +152,8 @@ def save_bvh(
     becomes its OFFSET, so the world positions are the same; joints that move keep theirs, and a
     :class:`~jaxmotion.io.MotionFileWarning` names them.
     **Raises:** ``ValueError`` for a motion that BVH cannot hold (batched, no frames, not finite,
-    names with braces or line ends); ``FileExistsError`` and other ``OSError`` from writing.
+    rotations that are no unit quaternions, names with braces or line ends), or another ``up``;
+    ``FileExistsError`` and other ``OSError`` from writing.
     """
     motion = turned_for(motion, up, path, "save_bvh")
     plan = bvh_write.plan(motion, still_positions=still_positions)

@@ -29,6 +29,8 @@ from jaxmotion.io.soundness import check_arrays, trouble
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Conventions, Skeleton
 
+__all__ = ["load_npz", "save_npz"]
+
 MARK = "jaxmotion_motion"
 _VERSION = 1
 _ARRAYS = ("translations", "rotations", "frame_time", "offsets", "end_offsets")
@@ -45,11 +47,12 @@ def save_npz(
 ) -> None:
     """Write a motion to an .npz file, whole or not at all.
 
-    **Arguments:** ``motion``: one clip or a batch; ``overwrite``: whether a file of that name may
-    be replaced; ``compress``: deflate the arrays (about half the size, ten times the time);
-    ``up``: the axis to point up, to which the motion is turned, or "keep".
-    **Raises:** ``ValueError`` if an array has NaN or infinite entries, or a rotation is not a unit
-    quaternion; ``FileExistsError`` and other ``OSError`` from writing.
+    **Arguments:** ``motion``: one clip or a batch; ``path``: the file; ``overwrite``: whether a
+    file of that name may be replaced; ``compress``: deflate the arrays (about half the size, ten
+    times the time); ``up``: the axis to point up, to which the motion is turned, or "keep".
+    **Raises:** ``ValueError`` if an array has NaN or infinite entries, a rotation is not a unit
+    quaternion, a frame time is not positive, or for another ``up``; ``FileExistsError`` and other
+    ``OSError`` from writing.
     """
     motion = turned_to(motion, up, "save_npz")
     skeleton = motion.skeleton
@@ -89,9 +92,11 @@ def load_npz(
 ) -> Motion:
     """Read a motion from an .npz file that :func:`save_npz` wrote.
 
-    **Arguments:** ``dtype``: float32 or float64 for every array; by default they keep their own
-    (float64 becomes float32 where JAX has it disabled); ``fps``: frames a second, to overrule the
-    file's; ``up``: the axis that points up, to overrule it likewise, or "auto" for a guess.
+    **Arguments:** ``path``: the file; ``dtype``: float32 or float64 for every array; by default
+    they keep their own (float64 becomes float32 where JAX has it disabled); ``fps``: frames a
+    second, to overrule the file's; ``up``: the axis that points up, to overrule it likewise, or
+    "auto" for a guess.
+    **Returns:** a :class:`~jaxmotion.Motion`, batch axes and all.
     **Raises:** :class:`MotionFileError` for a file that cannot be understood; ``OSError`` for one
     that cannot be opened; ``ValueError`` for a dtype that is not available, or an impossible
     ``fps`` or ``up``.

@@ -55,27 +55,36 @@ def time_warp(
 ) -> Motion:
     """A clip with another timing.
 
+    O(T·J). Differentiable in the motion, ``amount``, ``pairs`` and ``ease``. Source: Eom et al.
+    §5.3.
+
     **Arguments:**
 
+    - ``motion``: T ≥ 1 frames.
     - ``amount``: a ≥ 0, slow down where displacements are large; 0.25 makes the clip a quarter
       longer, (N − 1)/(T − 1) − 1 makes it N frames; 0 (None) changes nothing.
     - ``pairs``: instead, f[K, 2] of (time in the source, time in the result), seconds, both
       strictly increasing: what happens then happens at that time, and speed never jumps. The clip
       starts at 0, and after the last pair takes the time it takes.
     - ``ease``: seconds of the result over which it leaves rest, and comes to rest.
-    - ``num_frames``: of the result; the module says how long it is otherwise. Needed where traced
-      arguments decide the duration.
+    - ``num_frames``: of the result, by default as the module says; needed for a traced duration.
     - ``method``, ``smoothing``, ``signs``: as :func:`jaxmotion.resample`.
     - ``alpha``, ``residual``: gains of style and noise of the retimed signal, as
       :func:`jaxmotion.stylize`; without them it is left as it is.
-    - ``keep_contacts``: True finds what touches in ``motion`` and restores it in the result
-      (:func:`jaxmotion.spacetime.keep_contacts`); or contacts of ``motion``, as found by
-      ``contacts.detect`` (under ``jit`` only these).
+    - ``keep_contacts``: True restores what touches in ``motion`` in the result
+      (:func:`jaxmotion.spacetime.keep_contacts`); or contacts of ``motion`` (under ``jit`` only
+      these).
 
-    **Returns:** a motion of the same frame time. Differentiable in the motion, ``amount``,
-    ``pairs`` and ``ease``.
-    **Raises:** ``ValueError`` for arguments that do not fit together or times that do not increase;
-    at run time for traced ones.
+    **Returns:** a motion of the same frame time.
+    **Raises:** ``ValueError`` for arguments that do not fit together, times that do not increase, a
+    negative ``amount`` or ``ease``, a duration that is traced; at run time for traced values.
+
+    **Example:**
+
+        >>> import jaxmotion as jm
+        >>> slower = jm.time_warp(jm.samples.load("walk").motion[:16], amount=1.0)
+        >>> len(slower)
+        31
     """
     if amount is not None and pairs is not None:
         raise ValueError("time_warp: amount and pairs are both given; expected one of them")

@@ -14,10 +14,11 @@ with each axis of ``k`` equal to that channel axis or 1. The bandwidth w is stat
 recursions over it are unrolled. Cost O(n w^2) to factor, O(n w) per channel to solve.
 
 Sharp bits: P must be positive definite, else a pivot turns up that is not positive: an error with
-``throw=True``, a not-a-number result with ``throw=False``. Digits are lost as the condition of P:
-a float32 solve with second differences of weight 1e4 is worthless, and ``difference_chain`` is the
-solver for those. Differentiable in bands and right-hand side, in both modes and to any order;
-solving and log-determinant have implicit derivatives (one solve, one selected inverse).
+``throw=True``; with ``throw=False`` it is left in the factor, and ``log det P`` is not a number.
+Digits are lost as the condition of P: a float32 solve with second differences of weight 1e4 is
+worthless, and ``difference_chain`` is the solver for those. Differentiable in bands and right-hand
+side, in both modes and to any order; solving and log-determinant have implicit derivatives (one
+solve, one selected inverse).
 """
 
 from functools import partial
@@ -33,7 +34,11 @@ from jaxmotion._types import AnyArray
 
 
 class BandedFactor(eqx.Module):
-    """``P = L D L^T``: ``multipliers[j, i-1] = L[j + i, j]`` and ``pivots[j] = D_jj > 0``."""
+    """``P = L D L^T``, L unit lower triangular, D diagonal.
+
+    **Fields:** ``multipliers``: f[n, w, *k], ``multipliers[j, i-1] = L[j + i, j]``; ``pivots``:
+    f[n, *k], ``pivots[j] = D_jj > 0``.
+    """
 
     multipliers: Float[Array, "n w *k"]
     pivots: Float[Array, "n *k"]
@@ -41,9 +46,14 @@ class BandedFactor(eqx.Module):
 
 @partial(jax.jit, static_argnames="throw")
 def banded_factor(bands: Float[Array, "n band *k"], *, throw: bool = True) -> BandedFactor:
-    """Factor ``P = L D L^T``; differentiable, as a scan of length n.
+    """Factor ``P = L D L^T``.
 
-    Raises (``throw=True``) when P is not positive definite.
+    O(n w²). Differentiable, as a scan of length n.
+
+    **Arguments:** ``bands``: f[n, w + 1, *k], P, see the module; ``throw``: whether a P that is not
+    positive definite is an error; else look whether all pivots are positive.
+    **Returns:** :class:`BandedFactor`.
+    **Raises:** with ``throw``, at run time when P is not positive definite.
     """
     factor = _factor(bands)
     if throw:
@@ -55,7 +65,14 @@ def banded_factor(bands: Float[Array, "n band *k"], *, throw: bool = True) -> Ba
 
 @jax.jit
 def banded_matvec(bands: Float[Array, "n band *k"], x: Float[Array, "n *channels"]) -> Array:
-    """``P x`` for ``x (n, *channels)``."""
+    """``P x``.
+
+    O(n w) a channel. Differentiable.
+
+    **Arguments:** ``bands``: f[n, w + 1] or f[n, w + 1, *k], P; ``x``: f[n, *channels].
+    **Returns:** f[n, *channels].
+    **Raises:** ``ValueError`` for shapes that do not fit.
+    """
     bands, x = _aligned(bands, x)
     total = bands[:, 0] * x
     for i in range(1, min(bands.shape[1], x.shape[0])):
@@ -68,7 +85,16 @@ def banded_matvec(bands: Float[Array, "n band *k"], x: Float[Array, "n *channels
 def banded_solve(
     bands: Float[Array, "n band *k"], b: Float[Array, "_ *channels"], *, throw: bool = True
 ) -> Array:
-    """Solve ``P x = b`` for ``b (n, *channels)``; raises as ``banded_factor`` does."""
+    """Solve ``P x = b``.
+
+    O(n w²) to factor and O(n w) a channel. Derivatives are implicit, of any order and in both
+    modes.
+
+    **Arguments:** ``bands``: f[n, w + 1] or f[n, w + 1, *k], P; ``b``: f[n, *channels]; ``throw``:
+    as :func:`banded_factor`.
+    **Returns:** f[n, *channels].
+    **Raises:** ``ValueError`` for shapes that do not fit; as :func:`banded_factor`.
+    """
     bands, b = _aligned(bands, b)
     factor = banded_factor(lax.stop_gradient(bands), throw=throw)
 
@@ -80,7 +106,13 @@ def banded_solve(
 
 @jax.custom_jvp
 def banded_log_det(bands: Float[AnyArray, "n band *k"]) -> Array:
-    """``log det P``, shape ``k``; not a number when P is not positive definite."""
+    """``log det P``.
+
+    O(n w²). Its derivative is read off the selected inverse.
+
+    **Arguments:** ``bands``: f[n, w + 1, *k], P.
+    **Returns:** f[*k]; not a number when P is not positive definite.
+    """
     return jnp.sum(jnp.log(_factor(bands).pivots), axis=0)
 
 
@@ -95,7 +127,13 @@ def _banded_log_det_jvp(primals, tangents):
 
 @jax.jit
 def banded_selected_inverse(factor: BandedFactor) -> Float[Array, "n band *k"]:
-    """The band of ``P^-1``, stored as ``bands`` is (zero below the last row); differentiable."""
+    """The band of ``P^-1``.
+
+    O(n w²). Differentiable, as a scan.
+
+    **Arguments:** ``factor``: of P.
+    **Returns:** f[n, w + 1, *k], stored as ``bands`` is, zero below the last row.
+    """
     w = factor.multipliers.shape[1]
 
     def column(window, inputs):

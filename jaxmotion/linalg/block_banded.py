@@ -41,7 +41,11 @@ _LARGEST_UNROLLED = 4
 
 
 class BlockBandedFactor(eqx.Module):
-    """``multipliers[t, k-1] = L[t + k, t]`` and ``roots[t] = R_t``, with ``R_t S_t R_t^T = I``."""
+    """L and the inverse roots of D in the factor of P.
+
+    **Fields:** ``multipliers``: f[T, w, d, d, *k], ``multipliers[t, k-1] = L[t + k, t]``;
+    ``roots``: f[T, d, d, *k], ``roots[t] = R_t``, with ``R_t S_t R_t^T = I``.
+    """
 
     multipliers: Float[Array, "time w d d *k"]
     roots: Float[Array, "time d d *k"]
@@ -50,9 +54,14 @@ class BlockBandedFactor(eqx.Module):
 def block_banded_factor(
     blocks: Float[Array, "time band d d *k"], *, throw: bool = True
 ) -> BlockBandedFactor:
-    """Factor P; differentiable, as a scan of length T.
+    """Factor P.
 
-    Raises (``throw=True``) when P is not positive definite.
+    O(T w² d³) a lane. Differentiable, as a scan of length T.
+
+    **Arguments:** ``blocks``: f[T, w + 1, d, d, *k], P, see the module; ``throw``: whether a P that
+    is not positive definite is an error, else the factor is not a number.
+    **Returns:** :class:`BlockBandedFactor`.
+    **Raises:** with ``throw``, at run time when P is not positive definite.
     """
     factor = _factor(blocks)
     if throw:
@@ -65,7 +74,15 @@ def block_banded_factor(
 def block_banded_matvec(
     blocks: Float[Array, "time band d d *k"], x: Float[Array, "rows size *lanes"]
 ) -> Float[Array, "rows size *lanes"]:
-    """``P x`` for ``x (T, d, *lanes)``."""
+    """``P x``.
+
+    O(T w d²) a lane. Differentiable.
+
+    **Arguments:** ``blocks``: f[T, w + 1, d, d] or f[T, w + 1, d, d, *k], P; ``x``: f[T, d,
+    *lanes].
+    **Returns:** f[T, d, *lanes].
+    **Raises:** ``ValueError`` for shapes that do not fit.
+    """
     blocks = _aligned(blocks, x)
     apply, apply_transposed = jax.vmap(_apply), jax.vmap(_apply_transposed)
     total = apply(blocks[:, 0], x)
@@ -82,7 +99,15 @@ def block_banded_solve(
     *,
     throw: bool = True,
 ) -> Float[Array, "rows size *lanes"]:
-    """Solve ``P x = b`` for ``b (T, d, *lanes)``; raises as ``block_banded_factor`` does."""
+    """Solve ``P x = b``.
+
+    O(T w² d³) to factor, O(T w d²) to solve, a lane. Derivatives are implicit, of any order.
+
+    **Arguments:** ``blocks``: f[T, w + 1, d, d] or f[T, w + 1, d, d, *k], P; ``b``: f[T, d,
+    *lanes]; ``throw``: as :func:`block_banded_factor`.
+    **Returns:** f[T, d, *lanes].
+    **Raises:** ``ValueError`` for shapes that do not fit; as :func:`block_banded_factor`.
+    """
     blocks = _aligned(blocks, b)
     factor = block_banded_factor(lax.stop_gradient(blocks), throw=throw)
 
@@ -94,7 +119,13 @@ def block_banded_solve(
 
 @jax.custom_jvp
 def block_banded_log_det(blocks: Float[Array, "time band d d *k"]) -> Float[Array, "*k"]:
-    """``log det P``, shape ``k``; not a number when P is not positive definite."""
+    """``log det P``.
+
+    O(T w² d³) a lane. Its derivative is read off the selected inverse.
+
+    **Arguments:** ``blocks``: f[T, w + 1, d, d, *k], P.
+    **Returns:** f[*k]; not a number when P is not positive definite.
+    """
     diagonal = jnp.diagonal(_factor(blocks).roots, axis1=1, axis2=2)
     return -2 * jnp.sum(jnp.log(diagonal), axis=(0, -1))
 
@@ -111,7 +142,13 @@ def _block_banded_log_det_jvp(primals, tangents):
 def block_banded_selected_inverse(
     factor: BlockBandedFactor,
 ) -> Float[Array, "time band d d *k"]:
-    """The band of ``P^-1``, stored as ``blocks`` is (zero below the last row); differentiable."""
+    """The band of ``P^-1``.
+
+    O(T w² d³) a lane. Differentiable, as a scan.
+
+    **Arguments:** ``factor``: of P.
+    **Returns:** f[T, w + 1, d, d, *k], stored as ``blocks`` is, zero below the last row.
+    """
     w = factor.multipliers.shape[1]
     pivots = jax.vmap(_multiply_transposed_left)(factor.roots, factor.roots)
 
@@ -142,7 +179,13 @@ def block_banded_selected_inverse(
 def block_banded_substitute(
     factor: BlockBandedFactor, b: Float[Array, "time d *lanes"]
 ) -> Float[Array, "time d *lanes"]:
-    """Solve ``P x = b`` given the factor; differentiable, as two scans."""
+    """Solve ``P x = b`` given the factor.
+
+    O(T w d²) a lane. Differentiable, as two scans.
+
+    **Arguments:** ``factor``: of P; ``b``: f[T, d, *lanes].
+    **Returns:** f[T, d, *lanes].
+    """
     w = factor.multipliers.shape[1]
 
     def forward(owed, inputs):

@@ -51,13 +51,21 @@ class State(NamedTuple):
 
 
 class Knowledge(NamedTuple):
-    """What two sides know of one state (x, v): ``later`` as ``a (x + m v)^2 + d v^2``."""
+    """What two sides know of one state (x, v).
+
+    **Fields:** ``earlier``: :class:`Information` of the frames up to it, ``a (x - m v)^2 + d v^2``;
+    ``later``: of those after it, as ``a (x + m v)^2 + d v^2``.
+    """
 
     earlier: Information
     later: Information
 
     def covariance(self, back: Array | float = 0.0) -> State:
-        """Covariance of ``(x - back v, v)``."""
+        """Covariance of ``(x - back v, v)``.
+
+        **Arguments:** ``back``: frames before the frame, a scalar or f[T, *k].
+        **Returns:** :class:`State`, each entry f[T, *k].
+        """
         (a, m, d), (alpha, mu, beta) = self.earlier, self.later
         m, mu = m - back, mu + back
         share, other = a / (a + alpha), alpha / (a + alpha)
@@ -67,7 +75,13 @@ class Knowledge(NamedTuple):
 
 
 def chain_knowledge(factor: ChainFactor) -> Knowledge:
-    """What is known of (x_j, v_j) from either side, ``(T, *k)``. Differentiable, as scans."""
+    """What is known of (x_j, v_j) from either side.
+
+    O(T). Differentiable, as scans.
+
+    **Arguments:** ``factor``: of the chain.
+    **Returns:** :class:`Knowledge`, each entry f[T, *k].
+    """
     return knowledge(factor, _known_after(factor))
 
 
@@ -92,18 +106,26 @@ def knowledge(factor: ChainFactor, after: Information) -> Knowledge:
 
 @jax.jit
 def chain_covariance(factor: ChainFactor) -> State:
-    """Selected inverse of P: covariance of every (x_j, v_j), each entry ``(T, *k)``.
+    """Selected inverse of P: covariance of every (x_j, v_j).
 
     Gives the lag-one covariance too: ``cov(x_{j-1}, x_j) = position_j - cross_j``. Frame 0 has no
-    velocity: zeros. Differentiable, as scans.
+    velocity: zeros. O(T). Differentiable, as scans.
+
+    **Arguments:** ``factor``: of the chain.
+    **Returns:** :class:`State`, each entry f[T, *k].
     """
     position, cross, velocity = chain_knowledge(factor).covariance()
     return State(position, cross.at[0].set(0), velocity.at[0].set(0))
 
 
 def chain_squared_inverse(factor: ChainFactor) -> Array:
-    """Diagonal of P^-2, ``sum_i cov(x_i, x_j)^2``, ``(T, *k)``, O(T): how fast the variance of
-    each position falls as weight is added on all."""
+    """Diagonal of P^-2, ``sum_i cov(x_i, x_j)^2``.
+
+    It is how fast the variance of each position falls as weight is added on all. O(T).
+
+    **Arguments:** ``factor``: of the chain.
+    **Returns:** f[T, *k].
+    """
     chain, after = factor.chain, _known_after(factor)
     (a, m, d), (alpha, mu, beta) = sides = knowledge(factor, after)
     _, cross, v = sides.covariance()
@@ -149,7 +171,13 @@ def _weighed(
 
 @jax.custom_jvp
 def chain_log_det(chain: DifferenceChain) -> Array:
-    """``log det P``, shape ``k``; its derivative is read off the selected inverse."""
+    """``log det P``.
+
+    O(T). Its derivative is read off the selected inverse.
+
+    **Arguments:** ``chain``: the coefficients.
+    **Returns:** f[*k].
+    """
     return _log_det(chain_factor(chain))
 
 
@@ -181,10 +209,15 @@ def _bend_variance(factor: ChainFactor, after: Information) -> Array:
 
 @partial(jax.jit, static_argnames="channels")
 def chain_sample(factor: ChainFactor, key: PRNGKeyArray, channels: tuple[int, ...]) -> Array:
-    """One draw of N(0, 1/P), ``(T, *channels)``, independent over channels. Differentiable.
+    """One draw of N(0, 1/P), independent over channels.
 
     Steps from frame to frame are written out from where the frames before hold on, not from the
-    position, which may be far away while it is drawn between two distant readings.
+    position, which may be far away while it is drawn between two distant readings. O(T) a channel.
+    Differentiable.
+
+    **Arguments:** ``factor``: of the chain; ``key``: a key of :mod:`jax.random`; ``channels``:
+    shape of the channels, static.
+    **Returns:** f[T, *channels].
     """
     a, m, _ = factor.info
     by, pivot, earlier = factor.gains, factor.pivot, before(factor.info, factor.chain.curvature)

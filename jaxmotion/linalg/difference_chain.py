@@ -61,7 +61,10 @@ from jaxmotion._portable import Portable
 
 
 class DifferenceChain(Portable):
-    """The coefficients ``p, n, g, r`` of the quadratic form above, each ``(T, *k)``."""
+    """The coefficients of the quadratic form in the module.
+
+    **Fields:** f[T, *k] each: ``curvature``: p; ``weight``: n; ``back``: g; ``speed``: r.
+    """
 
     curvature: Float[Array, "frames ..."] = eqx.field(converter=jnp.asarray)
     weight: Float[Array, "frames ..."] = eqx.field(converter=jnp.asarray)
@@ -91,7 +94,11 @@ class Gains(NamedTuple):
 
 
 class ChainFactor(eqx.Module):
-    """What frames 0 .. j know of (x_j, v_j), and the numbers of both passes, all ``(T, *k)``."""
+    """What frames 0 .. j know of (x_j, v_j), and the numbers of both passes.
+
+    **Fields:** ``chain``: the coefficients; ``info``: :class:`Information`; ``gains``:
+    :class:`Gains`; all f[T, *k].
+    """
 
     chain: DifferenceChain
     info: Information
@@ -144,7 +151,13 @@ def eliminate(info: Information, curvature: Array) -> Information:
 
 @jax.jit
 def chain_factor(chain: DifferenceChain) -> ChainFactor:
-    """Eliminate frame after frame, O(T). Differentiable, as a scan."""
+    """Eliminate frame after frame.
+
+    O(T). Differentiable, as a scan.
+
+    **Arguments:** ``chain``: the coefficients.
+    **Returns:** :class:`ChainFactor`.
+    """
     return with_gains(chain, known(at_rest(chain), chain))
 
 
@@ -192,11 +205,15 @@ def chain_smooth(
     readings: Float[Array, "frames ..."],
     push: Float[Array, "frames ..."] | None = None,
 ) -> Array:
-    """The minimiser x ``(T, *channels)`` for readings z and a push f ``(T, *channels)``.
+    """The minimiser x of the module's quadratic form.
 
     What is read with weight 0 does not count, but must be finite. Exact for readings that are all
     equal. Derivatives in everything, of any order and in both modes, are implicit: another solve
-    with the same factor, never a differentiated scan. A weight of 0 has none.
+    with the same factor, never a differentiated scan. A weight of 0 has none. O(T) a channel.
+
+    **Arguments:** ``chain``: the coefficients; ``readings``: z, f[T, *channels]; ``push``: f, f[T,
+    *channels], None for zero.
+    **Returns:** f[T, *channels].
     """
     return smoothest(chain_factor, _substituted, chain, readings, push)
 

@@ -54,7 +54,13 @@ Matrix: TypeAlias = tuple[tuple[Array, Array], tuple[Array, Array]]
 
 @jax.jit
 def parallel_chain_factor(chain: DifferenceChain) -> ChainFactor:
-    """Equal to :func:`chain_factor`, in O(log T) steps. Differentiable, as a scan."""
+    """Equal to :func:`chain_factor`, in O(log T) steps.
+
+    Differentiable, as a scan.
+
+    **Arguments:** ``chain``: the coefficients.
+    **Returns:** :class:`ChainFactor`.
+    """
     one = jnp.ones_like(chain.weight[:1])
     return with_gains(chain, _known(chain, State(0 * one, 0 * one, one)))
 
@@ -88,7 +94,13 @@ def _known(chain: DifferenceChain, start: State) -> Information:
 
 @jax.jit
 def parallel_chain_knowledge(chain: DifferenceChain) -> Knowledge:
-    """Equal to :func:`chain_knowledge` of the factor, in O(log T) steps. Differentiable."""
+    """Equal to :func:`chain_knowledge` of the factor, in O(log T) steps.
+
+    Differentiable, as scans.
+
+    **Arguments:** ``chain``: the coefficients.
+    **Returns:** :class:`Knowledge`, each entry f[T, *k].
+    """
     none = jnp.zeros_like(chain.weight[:1])
     other = _known(jax.tree.map(lambda e: e[::-1], mirrored(chain)), State(none, none, none))
     return knowledge(parallel_chain_factor(chain), jax.tree.map(lambda e: e[::-1][1:], other))
@@ -100,7 +112,11 @@ def parallel_chain_smooth(
     readings: Float[Array, "frames ..."],
     push: Float[Array, "frames ..."] | None = None,
 ) -> Array:
-    """Equal to :func:`chain_smooth`, in O(log T) steps, with the same implicit derivatives."""
+    """Equal to :func:`chain_smooth`, in O(log T) steps, with the same implicit derivatives.
+
+    **Arguments:** ``chain``, ``readings``, ``push``: as :func:`chain_smooth`.
+    **Returns:** f[T, *channels].
+    """
     return smoothest(parallel_chain_factor, _substituted, chain, readings, push)
 
 

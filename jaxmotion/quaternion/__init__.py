@@ -2,6 +2,9 @@
 
 Hamilton's product, active rotations, right-handed. Everything broadcasts over leading axes, keeps
 its dtype, and has finite gradients at the identity, at q and −q, and at angle π.
+
+Its modules are the library's own; among them ``parts`` (by component), ``tangent`` (right
+Jacobians) and ``arcs`` (shortest arc, twist) hold nothing that is public.
 """
 
 from jaxmotion.quaternion.algebra import (

@@ -41,29 +41,43 @@ def leading_axis(axis: int, shape: tuple[int, ...], caller: str) -> int:
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """Hamilton product a ⊗ b: the rotation b followed by a (in fixed axes).
 
-    **Arguments:** ``a``, ``b``: (..., 4), broadcast against each other; need not be unit.
-    **Returns:** (..., 4).
+    **Arguments:** ``a``, ``b``: f[..., 4], broadcast against each other; need not be unit.
+    **Returns:** f[..., 4].
+    **Raises:** ``ValueError`` where the last axis is not 4.
     """
     return together(product(components(a, 4, "a"), components(b, 4, "b")))
 
 
 def conjugate(q: Quaternion) -> Quaternion:
-    """(w, −x, −y, −z): the inverse rotation of a unit quaternion. (..., 4) → (..., 4)."""
+    """(w, −x, −y, −z): the inverse rotation of a unit quaternion.
+
+    **Arguments:** ``q``: f[..., 4].
+    **Returns:** f[..., 4].
+    **Raises:** ``ValueError`` where the last axis is not 4.
+    """
     w, x, y, z = components(q, 4, "q")
     return together((w, -x, -y, -z))
 
 
 def inverse(q: Quaternion) -> Quaternion:
-    """q̄/‖q‖², the multiplicative inverse of any non-zero quaternion. (..., 4) → (..., 4)."""
+    """q̄/‖q‖², the multiplicative inverse of any non-zero quaternion.
+
+    **Arguments:** ``q``: f[..., 4], not zero.
+    **Returns:** f[..., 4].
+    **Raises:** ``ValueError`` where the last axis is not 4.
+    """
     q = jnp.asarray(q)
     return conjugate(q) / jnp.sum(q * q, axis=-1, keepdims=True)
 
 
 def normalize(q: Quaternion) -> Quaternion:
-    """q/‖q‖. The zero quaternion, which is no rotation, becomes the identity (gradient 0); one that
-    holds NaN stays NaN.
+    """q/‖q‖.
 
-    **Arguments:** ``q``: (..., 4). **Returns:** (..., 4), unit.
+    The zero quaternion, which is no rotation, becomes the identity (gradient 0); one that holds NaN
+    stays NaN.
+
+    **Arguments:** ``q``: f[..., 4].
+    **Returns:** f[..., 4], unit.
     """
     q = jnp.asarray(q)
     norm = safe_norm(q, keepdims=True)
@@ -73,15 +87,21 @@ def normalize(q: Quaternion) -> Quaternion:
 
 
 def identity(shape: tuple[int, ...] = (), dtype=None) -> Quaternion:
-    """The identity rotation (1, 0, 0, 0), repeated over ``shape``: ``shape + (4,)``."""
+    """The identity rotation (1, 0, 0, 0), repeated.
+
+    **Arguments:** ``shape``: of the leading axes; ``dtype``: float32 or float64, JAX's default when
+    absent.
+    **Returns:** f[*shape, 4].
+    """
     return jnp.broadcast_to(jnp.array([1.0, 0.0, 0.0, 0.0], dtype=dtype), (*shape, 4))
 
 
 def rotate(q: Quaternion, v: Vector3) -> Vector3:
     """Rotate vectors: q v q⁻¹ for unit q, by v + 2w(u×v) + 2u×(u×v) with q = (w, u).
 
-    **Arguments:** ``q``: (..., 4), unit; ``v``: (..., 3), broadcast against q.
-    **Returns:** (..., 3), in v's unit.
+    **Arguments:** ``q``: f[..., 4], unit; ``v``: f[..., 3], broadcast against q.
+    **Returns:** f[..., 3], in v's unit.
+    **Raises:** ``ValueError`` where the last axis is not 4 and 3.
     """
     return together(rotated(components(q, 4, "q"), components(v, 3, "v")))
 
@@ -89,7 +109,9 @@ def rotate(q: Quaternion, v: Vector3) -> Vector3:
 def between(a: Quaternion, b: Quaternion) -> Quaternion:
     """a⁻¹ ⊗ b, the rotation that takes a to b in a's own frame: multiply(a, between(a, b)) = b.
 
-    **Arguments:** ``a``, ``b``: (..., 4), unit, broadcast. **Returns:** (..., 4).
+    **Arguments:** ``a``, ``b``: f[..., 4], unit, broadcast.
+    **Returns:** f[..., 4].
+    **Raises:** ``ValueError`` where the last axis is not 4.
     """
     return multiply(conjugate(a), b)
 
@@ -99,9 +121,11 @@ def half_angle_between(
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Of the rotation a⁻¹b by θ: (sin²(θ/2), cos(θ/2)), accurate near 0 as a dot product is not.
 
-    **Arguments:** ``a``, ``b``: (..., 4), unit, broadcast. **Returns:** two (...); the cosine is
-    negative where a and b lie in different hemispheres. Cheaper than :func:`between`: nothing is
-    put together and taken apart again.
+    Cheaper than :func:`between`: nothing is put together and taken apart again.
+
+    **Arguments:** ``a``, ``b``: f[..., 4], unit, broadcast.
+    **Returns:** two f[...]; the cosine is negative where a and b lie in different hemispheres.
+    **Raises:** ``ValueError`` where the last axis is not 4.
     """
     w, x, y, z = components(a, 4, "a")
     cosine, x, y, z = product((w, -x, -y, -z), components(b, 4, "b"))
@@ -111,12 +135,14 @@ def half_angle_between(
 def align_signs(q: Quaternion, axis: int = 0) -> Quaternion:
     """Choose between q and −q so that neighbours along ``axis`` lie in one hemisphere.
 
-    The first sample keeps its sign; sample i is negated whenever its dot product with the
-    (already aligned) sample i−1 is negative (Lee & Shin 2001, §3.2). Computed as a running
-    product of signs, O(T). No gradient passes through the choice.
+    The first sample keeps its sign; sample i is negated whenever its dot product with the (already
+    aligned) sample i−1 is negative. Computed as a running product of signs, O(T). No gradient
+    passes through the choice. Source: Lee & Shin 2001, §3.2.
 
-    **Arguments:** ``q``: (..., 4); ``axis``: the axis to walk along, not the last.
-    **Returns:** the same rotations, (..., 4).
+    **Arguments:** ``q``: f[..., 4]; ``axis``: the axis to walk along, not the last.
+    **Returns:** the same rotations, f[..., 4].
+    **Raises:** ``ValueError`` for an axis that is none before the last, or a last axis that is not
+    4.
     """
     q = jnp.asarray(q)
     axis = leading_axis(axis, q.shape, "align_signs")

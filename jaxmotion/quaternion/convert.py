@@ -27,7 +27,12 @@ from jaxmotion.quaternion.parts import together
 
 
 def to_matrix(q: Quaternion) -> Matrix3:
-    """Rotation matrix of a unit quaternion. (..., 4) → (..., 3, 3)."""
+    """Rotation matrix of a unit quaternion.
+
+    **Arguments:** ``q``: f[..., 4], unit.
+    **Returns:** f[..., 3, 3], acting on column vectors.
+    **Raises:** ``ValueError`` where the last axis is not 4.
+    """
     w, x, y, z = components(q, 4, "q")
     rows = (
         together((1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y))),
@@ -38,10 +43,14 @@ def to_matrix(q: Quaternion) -> Matrix3:
 
 
 def from_matrix(m: Matrix3) -> Quaternion:
-    """Unit quaternion, w ≥ 0 where it leads, of a rotation matrix. (..., 3, 3) → (..., 4).
+    """Unit quaternion, w ≥ 0 where it leads, of a rotation matrix.
 
     Shepperd's method: of the four equivalent formulas the one with the largest square root is
     taken, so nothing is divided by a small number.
+
+    **Arguments:** ``m``: f[..., 3, 3], acting on column vectors.
+    **Returns:** f[..., 4], unit.
+    **Raises:** ``ValueError`` where the last axis is not 3.
     """
     m = jnp.asarray(m)
     (a, b, c), (d, e, f), (g, h, i) = (components(m[..., r, :], 3, "m") for r in range(3))
@@ -60,15 +69,25 @@ def from_matrix(m: Matrix3) -> Quaternion:
 
 
 def to_rotation_6d(q: Quaternion) -> Rotation6d:
-    """First two columns of the rotation matrix, one after the other. (..., 4) → (..., 6)."""
+    """First two columns of the rotation matrix, one after the other.
+
+    Source: Zhou et al. 2019.
+
+    **Arguments:** ``q``: f[..., 4], unit.
+    **Returns:** f[..., 6].
+    **Raises:** ``ValueError`` where the last axis is not 4.
+    """
     m = to_matrix(q)
     return jnp.concatenate([m[..., :, 0], m[..., :, 1]], axis=-1)
 
 
 def from_rotation_6d(columns: Rotation6d) -> Quaternion:
-    """Unit quaternion from two (not necessarily orthonormal) columns. (..., 6) → (..., 4).
+    """Unit quaternion from two (not necessarily orthonormal) columns.
 
-    The columns must be neither zero nor parallel. Zhou et al. 2019, Eq. 14.
+    Source: Zhou et al. 2019, Eq. 14.
+
+    **Arguments:** ``columns``: f[..., 6], two vectors of three, neither zero nor parallel.
+    **Returns:** f[..., 4], unit.
     """
     columns = jnp.asarray(columns)
     first, second = columns[..., :3], columns[..., 3:]
@@ -81,10 +100,10 @@ def from_rotation_6d(columns: Rotation6d) -> Quaternion:
 def from_euler(angles: Angles, order: str = "ZXY") -> Quaternion:
     """Unit quaternion of three Euler angles.
 
-    **Arguments:** ``angles``: (..., 3), radians, in the order of the letters; ``order``: see the
+    **Arguments:** ``angles``: f[..., 3], radians, in the order of the letters; ``order``: see the
     module.
-    **Returns:** (..., 4).
-    **Raises:** ``ValueError`` for an order that is not one of the 24.
+    **Returns:** f[..., 4], unit.
+    **Raises:** ``ValueError`` for an order that is not one of the 24, or a last axis that is not 3.
     """
     i, j, k, extrinsic = _axes(order)
     first, second, third = components(angles, 3, "angles")
@@ -96,14 +115,16 @@ def from_euler(angles: Angles, order: str = "ZXY") -> Quaternion:
 def to_euler(q: Quaternion, order: str = "ZXY", *, unwrap: bool = False) -> Angles:
     """Euler angles of a unit quaternion.
 
-    **Arguments:** ``q``: (..., 4); ``order``: see the module; ``unwrap``: treat axis 0 as time and
-    give every frame, of the angle triples that mean its rotation (the two branches of the order
-    and any whole turns; in gimbal lock a line of them), the one nearest the frame before; costs
-    one scan.
-    **Returns:** (..., 3), radians; without ``unwrap`` the middle angle is in [−π/2, π/2]
+    Source: Bernardes & Viollet 2022.
+
+    **Arguments:** ``q``: f[..., 4]; ``order``: see the module; ``unwrap``: treat axis 0 as time and
+    give every frame, of the angle triples that mean its rotation (the two branches of the order and
+    any whole turns; in gimbal lock a line of them), the one nearest the frame before; costs one
+    scan.
+    **Returns:** f[..., 3], radians; without ``unwrap`` the middle angle is in [−π/2, π/2]
     (Tait–Bryan) or [0, π], the others in [−π, π]. In gimbal lock the last intrinsic (first
     extrinsic) angle is 0.
-    **Raises:** ``ValueError`` for an order that is not one of the 24.
+    **Raises:** ``ValueError`` for an order that is not one of the 24, or a last axis that is not 4.
     """
     i, j, k, extrinsic = _axes(order)
     if not extrinsic:

@@ -27,7 +27,14 @@ from jaxmotion.quaternion.parts import together
 
 
 def exp(v: Vector3) -> Quaternion:
-    """Unit quaternion that turns by ‖v‖ radians about v. (..., 3) → (..., 4). Eom 2019, §3."""
+    """Unit quaternion that turns by ‖v‖ radians about v.
+
+    Source: Eom et al. 2019, §3.
+
+    **Arguments:** ``v``: f[..., 3], radians.
+    **Returns:** f[..., 4], unit.
+    **Raises:** ``ValueError`` where the last axis is not 3.
+    """
     x, y, z = components(v, 3, "v")
     squared = x * x + y * y + z * z
     s = sin_half_over(squared)
@@ -37,8 +44,11 @@ def exp(v: Vector3) -> Quaternion:
 def log(q: Quaternion) -> Vector3:
     """Rotation vector of q, full angle, ‖log(q)‖ ≤ π; q and −q agree.
 
-    **Arguments:** ``q``: (..., 4); only its direction matters.
-    **Returns:** (..., 3), radians. Source: Eom et al. 2019, Eq. 9 and 13.
+    Source: Eom et al. 2019, Eq. 9 and 13.
+
+    **Arguments:** ``q``: f[..., 4]; only its direction matters.
+    **Returns:** f[..., 3], radians.
+    **Raises:** ``ValueError`` where the last axis is not 4.
     """
     w, x, y, z = components(q, 4, "q")
     sign = jnp.where(w < 0, -1.0, 1.0).astype(w.dtype)
@@ -47,32 +57,47 @@ def log(q: Quaternion) -> Vector3:
 
 
 def exp_half(v: Vector3) -> Quaternion:
-    """Unit quaternion that turns by 2‖v‖ radians about v. (..., 3) → (..., 4). Lee & Shin §2."""
+    """Unit quaternion that turns by 2‖v‖ radians about v.
+
+    Source: Lee & Shin 2001, §2.
+
+    **Arguments:** ``v``: f[..., 3], half the angle in radians.
+    **Returns:** f[..., 4], unit.
+    **Raises:** ``ValueError`` where the last axis is not 3.
+    """
     return exp(2 * jnp.asarray(v))
 
 
 def log_half(q: Quaternion) -> Vector3:
-    """Half the rotation vector of q: its norm is arc length on S³. (..., 4) → (..., 3)."""
+    """Half the rotation vector of q: its norm is arc length on S³.
+
+    **Arguments:** ``q``: f[..., 4]; only its direction matters.
+    **Returns:** f[..., 3], half the angle in radians.
+    **Raises:** ``ValueError`` where the last axis is not 4.
+    """
     return 0.5 * log(q)
 
 
 def power(q: Quaternion, t: ArrayLike) -> Quaternion:
     """q to the power t: the same axis, t times the (shortest) angle.
 
-    **Arguments:** ``q``: (..., 4), unit; ``t``: broadcasts with q's leading axes.
-    **Returns:** (..., 4).
+    **Arguments:** ``q``: f[..., 4], unit; ``t``: broadcasts with q's leading axes.
+    **Returns:** f[..., 4], unit.
+    **Raises:** ``ValueError`` where the last axis of q is not 4.
     """
     v = log(q)
     return exp(jnp.asarray(t, v.dtype)[..., None] * v)
 
 
 def distance(a: Quaternion, b: Quaternion) -> Float[Array, "..."]:
-    """Angle of the rotation between a and b, in [0, π]; 0 with gradient 0 where they agree
-    to rounding.
+    """Angle of the rotation between a and b, in [0, π].
 
-    Lee & Shin 2001, Eq. 22, who measure half of it (arc length on S³).
+    0 with gradient 0 where they agree to rounding. Source: Lee & Shin 2001, Eq. 22, who measure
+    half of it (arc length on S³).
 
-    **Arguments:** ``a``, ``b``: (..., 4), unit, broadcast. **Returns:** (...), radians.
+    **Arguments:** ``a``, ``b``: f[..., 4], unit, broadcast.
+    **Returns:** f[...], radians.
+    **Raises:** ``ValueError`` where the last axis is not 4.
     """
     squared, cosine = half_angle_between(a, b)
     sine = safe_sqrt(squared, (0.5 * rounding_angle(squared.dtype)) ** 2)

@@ -17,9 +17,12 @@ from jaxmotion.quaternion.algebra import half_angle_between
 def slerp(a: Quaternion, b: Quaternion, t: ArrayLike) -> Quaternion:
     """Rotation a fraction ``t`` of the way from a to b along the shortest arc.
 
-    **Arguments:** ``a``, ``b``: (..., 4), unit, broadcast; ``t``: broadcasts with their leading
+    Source: Shoemake 1985.
+
+    **Arguments:** ``a``, ``b``: f[..., 4], unit, broadcast; ``t``: broadcasts with their leading
     axes; 0 gives a, 1 gives b (up to sign).
-    **Returns:** (..., 4), unit. Source: Shoemake 1985.
+    **Returns:** f[..., 4], unit.
+    **Raises:** ``ValueError`` where the last axis is not 4.
     """
     a, b = jnp.asarray(a), jnp.asarray(b)
     squared_sine, cosine = half_angle_between(a, b)

@@ -1,6 +1,8 @@
 """Smoothers: signals and motions in, posteriors and smoothed motions out.
 
-The geodesic ones load on first use: optimistix takes a third of a second to import.
+Its modules are the library's own; ``design``, ``components``, ``chordal``, ``losses`` and
+``low_pass`` hold nothing that is public. The geodesic smoothers load on first use: optimistix takes
+a third of a second to import.
 """
 
 from typing import TYPE_CHECKING

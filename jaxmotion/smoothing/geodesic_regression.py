@@ -157,8 +157,10 @@ def _torque(turn: Array, problem: _Problem) -> Array:
 class GeodesicPosterior(Portable):
     """The answer of :func:`geodesic`: the mode, and a Gaussian about it when asked for.
 
-    ``mean``: f[Nf, J, 4], unit. ``num_steps``: Gauss-Newton steps taken. ``result``: an
-    ``optimistix.RESULTS``. Everything else is worked out on request, in O(Nf J).
+    Everything but the fields is worked out on request, in O(Nf J).
+
+    **Fields:** ``mean``: f[Nf, J, 4], unit; ``num_steps``: i32[], Gauss-Newton steps taken;
+    ``result``: an ``optimistix.RESULTS``.
     """
 
     mean: Quaternion
@@ -239,11 +241,14 @@ def geodesic(
 ) -> GeodesicPosterior:
     """Smooth, denoise or resample rotations on the rotation group itself.
 
+    O((Nd + Nf) J) a step, 3 to 12 steps. Differentiable in q, lam, sigma, weights and a fractional
+    index, implicitly. Source: Eom et al. 2019, Eq. 9; Boumal 2013.
+
     **Arguments:** ``q``: f[Nd, J, 4] or f[Nd, 4], unit; ``lam``, ``sigma`` (radians): > 0, scalars
     or f[J], traced or not; ``order``: 2 smooths velocities, 1 positions; ``index``, ``num_frames``,
-    ``scale``: as :func:`~jaxmotion.smoothing.lgs`; ``weights``: f[Nd] or f[Nd, J], >= 0, dividing
-    the noise variance, 0 for missing data, whatever q holds there; ``loss``: "huber" and "cauchy"
-    bound the pull of outliers; ``throw``: whether not converging is an error (else look at
+    ``scale``: as :func:`~jaxmotion.smoothing.lgs`; ``weights``: f[Nd] or f[Nd, J], ≥ 0, dividing
+    the noise variance, 0 for missing data, whatever q holds there; ``loss``: "l2"; "huber" and
+    "cauchy" bound the pull of outliers; ``throw``: whether not converging is an error (else look at
     ``converged``), and a derivative where there is none (else NaN).
     **Returns:** :class:`GeodesicPosterior`, in q's dtype.
     **Raises:** ``ValueError`` for shapes and options that do not fit and known bad values; at run

@@ -39,8 +39,11 @@ from jaxmotion.smoothing.lgs import Posterior
 
 
 class KeySuggestions(Portable):
-    """``frames``: best first. ``variance``: of every frame after each of them is observed, with
-    channel axes where the posterior's variance has them."""
+    """Frames for new keys, and what is left of the variance with them.
+
+    **Fields:** ``frames``: i32[n], best first; ``variance``: f[n, Nf, *k], of every frame after
+    each of them is observed, with channel axes where the posterior's variance has them.
+    """
 
     frames: Int[Array, " keys"]
     variance: Float[Array, "keys frames ..."]
@@ -51,11 +54,14 @@ def suggest_keys(
 ) -> KeySuggestions:
     """The ``n`` frames where one more observation lowers the total variance most, each once.
 
-    posterior: of :func:`~jaxmotion.smoothing.lgs`; a new key has its ``sigma`` and weight 1.
-    candidates: bool (Nf,), the frames that may be chosen; None for all, observed ones too.
+    O(n Nf). Source: Krause, Singh & Guestrin 2008; Eom et al. 2019, §6.2 names it as future work.
 
-    Raises ValueError when ``n`` is not from 1 to the number of frames, or ``candidates`` is not
-    (Nf,) bool with n true; a traced one with fewer raises when computed.
+    **Arguments:** ``posterior``: of :func:`~jaxmotion.smoothing.lgs`; a new key has its ``sigma``
+    and weight 1; ``n``: how many, static; ``candidates``: bool[Nf], the frames that may be chosen;
+    None for all, observed ones too.
+    **Returns:** :class:`KeySuggestions`.
+    **Raises:** ``ValueError`` when ``n`` is not from 1 to the number of frames, or ``candidates``
+    are not bool[Nf] with n true; at run time for traced ones with fewer.
     """
     frames = posterior.mean.shape[0]
     if not 1 <= n <= frames:

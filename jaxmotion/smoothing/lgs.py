@@ -67,8 +67,10 @@ from jaxmotion.smoothing.design import Observations, observe
 class Posterior(Portable):
     """What the smoother knows about every frame.
 
-    ``mean (Nf, *channels)`` is there; every other quantity is worked out when asked for, so that a
-    mean alone never pays for it. All are differentiable.
+    Every quantity but the mean is worked out when asked for, so that a mean alone never pays for
+    it. All are differentiable.
+
+    **Fields:** ``mean``: f[Nf, *channels].
     """
 
     mean: Float[Array, "frames *channels"]
@@ -83,39 +85,47 @@ class Posterior(Portable):
 
     @property
     def variance(self) -> Array:
-        """Variance of each frame: ``(Nf,)`` when lam, sigma and weights are shared by all channels,
-        else ``(Nf, *k)``, which broadcasts against the mean. O(Nf)."""
+        """Variance of each frame: f[Nf] when lam, sigma and weights are shared by all channels,
+        else f[Nf, *k], which broadcasts against the mean. O(Nf).
+        """
         return self._per_frame(self._knowledge().covariance().position)
 
     @property
     def lag_one_covariance(self) -> Array:
-        """Covariance of frames j and j + 1, ``(Nf - 1,)`` or ``(Nf - 1, *k)``. O(Nf)."""
+        """Covariance of frames j and j + 1, f[Nf - 1] or f[Nf - 1, *k]. O(Nf)."""
         x, cross, _ = self._knowledge().covariance()
         return self._per_frame(x[1:] - cross[1:])
 
     @property
     def fitted(self) -> Array:
-        """``A mean``: what the mean says each datum should have been, ``(Nd, *channels)``."""
+        """``A mean``: what the mean says each datum should have been, f[Nd, *channels]."""
         return self._observations.at_data(self.mean)
 
     @property
     def leverage(self) -> Array:
         """``w_i`` times the posterior variance of ``(A x)_i`` over ``sigma^2``: the diagonal of the
-        hat matrix, ``(Nd, *k)``; its sum is the effective number of parameters. O(Nf + Nd)."""
+        hat matrix, f[Nd, *k]; its sum is the effective number of parameters. O(Nf + Nd).
+        """
         return self._observations.leverage(self._knowledge())
 
     @property
     def energy(self) -> Array:
-        """J of the module, the least weighted misfit plus roughness, ``(*channels,)``."""
+        """J of the module, the least weighted misfit plus roughness, f[*channels]."""
         return _scaled_energy(self) / self._sigma**2
 
     @property
     def log_evidence(self) -> Array:
-        """Log density of the data given lam and sigma, one number per channel, ``(*channels,)``."""
+        """Log density of the data given lam and sigma, one number per channel, f[*channels]."""
         return _log_evidence(self)
 
     def sample(self, key: PRNGKeyArray, shape: tuple[int, ...] = ()) -> Array:
-        """Independent draws of the frames, ``(*shape, Nf, *channels)``. O(Nf) each."""
+        """Independent draws of the frames.
+
+        O(Nf) each.
+
+        **Arguments:** ``key``: a key of :mod:`jax.random`; ``shape``: how many, () for one.
+        **Returns:** f[*shape, Nf, *channels].
+        """
         factor = chain_factor(self._chain)
         keys = jax.random.split(key, math.prod(shape))
         noise = jax.vmap(lambda key: chain_sample(factor, key, self.mean.shape[1:]))(keys)
@@ -144,31 +154,37 @@ def lgs(
     scale: str = "half",
     parallel: bool = False,
 ) -> Posterior:
-    """Smooth, denoise or resample a signal; returns its ``Posterior``.
+    """Smooth, denoise or resample a signal.
 
-    y: data ``(Nd, *channels)``, float32 or float64; the result has the same dtype.
-    lam, sigma: prior precision and noise std, > 0; scalars or arrays broadcasting to ``channels``.
-    index: target frame of every datum, ``(Nd,)``, whole or fractional, in any order, repeats and
-        gaps allowed; None for one datum per frame.
-    num_frames: Nf; may be left out without an index or when the index is not traced (then up to its
-        largest entry).
-    order: 2 smooths velocities (Eq. 6), 1 positions (Eq. 7).
-    scale: "half" or "unit" rows of L (order 2 only).
-    weights: ``(Nd,)`` or ``(Nd, *k)``, >= 0, dividing the noise variance; 0 is missing, whatever y
-        holds there, and has no derivative.
-    stiffness: ``(Nf,)`` or ``(Nf, *k)``, > 0: lam of each frame is lam times this, so that the
-        prior may be firm here and yield there. Order 2: of the second difference centred on the
-        frame (the ends have none); order 1: of the step into the frame (frame 0 has none).
-    parallel: find mean, variance, lag-one covariance and leverage in O(log Nf) steps one after
-        another, with more work: for a GPU or TPU (``linalg.parallel_chain``); same answers, or an
-        error where gaps are too long and lam * sigma too small for the dtype. Evidence and samples
-        are sequential either way.
+    O(Nd + Nf). Differentiable in y, lam, sigma, weights, stiffness and a fractional index, in both
+    modes. Source: Eom et al. 2019, Eq. 6, 7.
 
-    Differentiable in y, lam, sigma, weights, stiffness and a fractional index, in both modes.
-    Raises ValueError on wrong shapes and on values known to be wrong; traced ones raise when
-    computed (:func:`jaxmotion.checks`): lam, sigma not positive, index outside
-    the frames, data at fewer than two distinct frames (one for order 1), NaN in y at positive
-    weight.
+    **Arguments:**
+
+    - ``y``: f[Nd, *channels], float32 or float64, any unit.
+    - ``lam``, ``sigma``: prior precision and noise std (in y's unit), > 0; scalars or arrays
+      broadcasting to ``channels``, traced or not.
+    - ``index``: [Nd], target frame of every datum, whole or fractional, in any order, repeats and
+      gaps allowed; None for one datum per frame.
+    - ``num_frames``: Nf; may be left out without an index or when the index is not traced (then up
+      to its largest entry).
+    - ``order``: 2 smooths velocities (Eq. 6), 1 positions (Eq. 7).
+    - ``weights``: f[Nd] or f[Nd, *k], ≥ 0, dividing the noise variance; 0 is missing, whatever y
+      holds there, and has no derivative.
+    - ``stiffness``: f[Nf] or f[Nf, *k], > 0: lam of each frame is lam times this, so that the prior
+      may be firm here and yield there. Order 2: of the second difference centred on the frame (the
+      ends have none); order 1: of the step into the frame (frame 0 has none).
+    - ``scale``: "half" or "unit" rows of L (order 2 only).
+    - ``parallel``: find mean, variance, lag-one covariance and leverage in O(log Nf) steps one
+      after another, with more work: for a GPU or TPU (``linalg.parallel_chain``); same answers, or
+      an error where gaps are too long and lam * sigma too small for the dtype. Evidence and samples
+      are sequential either way.
+
+    **Returns:** :class:`Posterior`, in y's dtype.
+    **Raises:** ``ValueError`` for wrong shapes and options and for values known to be wrong; at run
+    time for traced ones (:func:`jaxmotion.checks`): lam, sigma not positive, weights negative,
+    index outside the frames, data at fewer than two distinct frames (one for order 1). At run time,
+    known or not: stiffness not positive, NaN in y at positive weight.
     """
     y = _checked_data(y)
     channels = y.shape[1:]

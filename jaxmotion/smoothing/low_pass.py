@@ -20,7 +20,10 @@ def low_pass(
 ) -> Float[Array, "time *channels"]:
     """``x`` without what is faster than ``hertz``; clips of under three frames as they are.
 
-    ``frame_time``: seconds; ``counts``: which frames are known, all by default.
+    **Arguments:** ``x``: f[T, *channels]; ``hertz``: where half the gain is left; ``frame_time``:
+    seconds; ``counts``: bool[T], which frames are known, all by default.
+    **Returns:** f[T, *channels].
+    **Raises:** as ``lgs``.
     """
     if x.shape[0] < 3 or x.size == 0:
         return x

@@ -46,17 +46,22 @@ def smooth_quaternions(
 ) -> Quaternion:
     """Smooth or resample rotations along axis 0.
 
-    **Arguments:** ``q``: f[Nd, ..., 4], unit; ``lam``, ``sigma``: scalars, or broadcasting with
-    q's middle axes (per joint), traced or not; ``index``, ``num_frames``, ``order``, ``scale``: as
+    O(T·J). Differentiable as :func:`~jaxmotion.smoothing.lgs`; no gradient passes through the
+    signs. Source: Eom et al. 2019, Eq. 11 ("geodesic": Eq. 9).
+
+    **Arguments:** ``q``: f[Nd, ..., 4], unit; ``lam``, ``sigma``: scalars, or broadcasting with q's
+    middle axes (per joint), traced or not; ``index``, ``num_frames``, ``order``, ``scale``: as
     :func:`~jaxmotion.smoothing.lgs`; ``weights``: f[Nd] or f[Nd, ...] per joint, 0 for missing
-    data, whatever q holds there; ``stiffness``: f[Nf] or f[Nf, ...] per joint, what λ is
-    multiplied by at every frame; ``method``: see the module; ``signs``: "nearest" hemisphere along
-    time, the "input"'s own, or "min_energy" (:func:`~jaxmotion.quaternion.least_energy_signs`; give
-    it no weights but an index, which then must not repeat);
-    ``window``: frames solved together, half of them shared with the next window and cross-faded
-    (paper: 120; see :func:`~jaxmotion.smoothing.windowed_lgs`; no index); None for all at once.
+    data, whatever q holds there; ``stiffness``: f[Nf] or f[Nf, ...] per joint, what λ is multiplied
+    by at every frame; ``method``: "chordal", "rotvec" or "geodesic", see the module; ``signs``:
+    "nearest" hemisphere along time, the "input"'s own, or "min_energy"
+    (:func:`~jaxmotion.quaternion.least_energy_signs`; give it no weights but an index, which then
+    must not repeat); ``window``: frames solved together, half of them shared with the next window
+    and cross-faded (paper: 120; see :func:`~jaxmotion.smoothing.windowed_lgs`; no index); None for
+    all at once.
     **Returns:** f[Nf, ..., 4], unit.
-    **Raises:** ``ValueError`` for shapes and options that do not fit; as ``lgs`` at run time.
+    **Raises:** ``ValueError`` for shapes and options that do not fit; as
+    :func:`~jaxmotion.smoothing.lgs` and, for "geodesic", :func:`~jaxmotion.smoothing.geodesic`.
     """
     _check_options(method, signs, weights, stiffness, window)
     q = jnp.asarray(q)
@@ -107,11 +112,14 @@ def smooth_motion(
 ) -> Motion:
     """Smooth every joint's rotation, and the translations of the joints that are translated.
 
-    **Arguments:** ``lam``, ``sigma``: scalars or f[J], traced or not (σ is in radians for chordal
-    components' half angles and in length units for translations; only λσ matters to the mean);
-    ``translation_lam``, ``translation_sigma``: those of the translations if they are to differ;
-    ``weights``: f[T] or f[T, J], 0 for missing; ``stiffness``: f[Nf] or f[Nf, J]; others as
-    :func:`smooth_quaternions`.
+    O(T·J). Differentiable as :func:`smooth_quaternions`. Source: Eom et al. 2019, Eq. 11.
+
+    **Arguments:** ``motion``: T frames, J joints; ``lam``, ``sigma``: scalars or f[J], traced or
+    not (σ is in radians for chordal components' half angles and in length units for translations;
+    only λσ matters to the mean); ``translation_lam``, ``translation_sigma``: those of the
+    translations if they are to differ; ``weights``: f[T] or f[T, J], 0 for missing; ``stiffness``:
+    f[Nf] or f[Nf, J]; ``index``, ``num_frames``, ``order``, ``scale``, ``method``, ``signs``,
+    ``window``: as :func:`smooth_quaternions`.
     **Returns:** a motion of ``num_frames`` frames and the same frame time.
     **Raises:** as :func:`smooth_quaternions`.
     """

@@ -48,33 +48,53 @@ from jaxmotion.linalg.difference_chain import (
 
 
 class StreamState(eqx.Module):
-    """What a stream remembers; ``(*k)`` is the shape of lam, sigma and the weights together."""
+    """What a stream remembers; ``(*k)`` is the shape of lam, sigma and the weights together.
 
-    information: Information  # about (x_t, v_t), each (*k)
-    vector: tuple[Array, Array]  # where it is centred, y, and slope in v_t, k, each (*channels)
-    offset: Float[Array, "window *channels"]  # phi, oldest frame first
-    gains: tuple[Array, Array]  # u and w, each (window, *k)
-    level: Float[Array, "*channels"]  # first value seen; all else is relative to it
-    seen: Bool[Array, "..."]  # whether any frame was seen, (*k)
-    curvature: Float[Array, "..."]  # penalty of v_{t+1} - v_t from the next frame on, (*k)
-    reference: Float[Array, "*channels"]  # last frame seen, signs aligned
-    frame: Int[Array, ""]  # frames taken in
+    **Fields:**
+
+    - ``information``: about (x_t, v_t), each f[*k].
+    - ``vector``: where it is centred, y, and its slope in v_t, k, each f[*channels].
+    - ``offset``: f[lag + 1, *channels], phi, oldest frame first.
+    - ``gains``: u and w, each f[lag + 1, *k].
+    - ``level``: f[*channels], first value seen; all else is relative to it.
+    - ``seen``: bool[*k], whether any frame was seen.
+    - ``curvature``: f[*k], penalty of v_{t+1} - v_t from the next frame on.
+    - ``reference``: f[*channels], last frame seen, signs aligned.
+    - ``frame``: i32[], frames taken in.
+    """
+
+    information: Information
+    vector: tuple[Array, Array]
+    offset: Float[Array, "window *channels"]
+    gains: tuple[Array, Array]
+    level: Float[Array, "*channels"]
+    seen: Bool[Array, "..."]
+    curvature: Float[Array, "..."]
+    reference: Float[Array, "*channels"]
+    frame: Int[Array, ""]
 
 
 class StreamingSmoother(eqx.Module):
     """The LGS of a stream, ``lag`` frames late: pure ``init``, ``step`` and ``flush``.
 
-    lam, sigma: prior precision and noise std, > 0; scalars or arrays that broadcast to the
-        channels of a frame (for rotations, to its joints).
-    lag: frames of delay, >= 0; 0 filters.
-    scale: "half" or "unit", as for :func:`~jaxmotion.smoothing.lgs`.
-    rotations: frames are unit quaternions ``(*joints, 4)``.
+    Differentiable in lam, sigma and the frames. O(lag) a frame.
 
-        smoother = StreamingSmoother(lam, sigma, lag=30, rotations=True)
-        state, late = jax.lax.scan(smoother.step, smoother.init(q[0]), q)
-        smooth = jnp.concatenate([late[30:], smoother.flush(state)])
+    **Fields:** ``lam``, ``sigma``: prior precision and noise std, > 0; scalars or arrays that
+    broadcast to the channels of a frame (for rotations, to its joints); ``lag``: frames of delay,
+    static, 0 filters; ``scale``: "half" or "unit", as :func:`~jaxmotion.smoothing.lgs`, static;
+    ``rotations``: whether frames are unit quaternions f[*joints, 4], static.
+    **Raises:** ``ValueError`` for another ``scale``, a negative ``lag``, and parameters known not
+    to be positive; at run time for traced ones.
 
-    Differentiable in lam, sigma and the frames. Raises ValueError for what does not fit.
+    **Example:**
+
+        >>> import jax, jax.numpy as jnp, jaxmotion as jm
+        >>> y = jnp.arange(20.0)
+        >>> smoother = jm.smoothing.StreamingSmoother(1.0, 1.0, lag=5)
+        >>> state, late = jax.lax.scan(smoother.step, smoother.init(y[0]), y)
+        >>> smooth = jnp.concatenate([late[5:], smoother.flush(state)])
+        >>> smooth.shape, bool(jnp.abs(smooth - y).max() < 1e-4)
+        ((20,), True)
     """
 
     lam: Float[Array, "..."]
@@ -103,8 +123,15 @@ class StreamingSmoother(eqx.Module):
     __eq__ = object.__eq__
 
     def init(self, frame: ArrayLike, weight: ArrayLike = 1.0) -> StreamState:
-        """State before the first frame. Only shapes and dtype of ``frame`` and ``weight``, examples
-        of what ``step`` will get, are used: weights per channel or joint need their own gains."""
+        """State before the first frame.
+
+        Only shapes and dtype, examples of what ``step`` will get, are used.
+
+        **Arguments:** ``frame``: f[*channels]; ``weight``: a scalar, or per channel or joint, which
+        then need their own gains.
+        **Returns:** :class:`StreamState`.
+        **Raises:** ``ValueError`` for shapes and dtypes that do not fit.
+        """
         frame = self._as_frame(frame)
         k = self._shape(frame.shape, np.shape(weight))
         rate = 1.0 if self.scale == "unit" else 0.25
@@ -132,8 +159,12 @@ class StreamingSmoother(eqx.Module):
     ) -> tuple[StreamState, Float[Array, "*channels"]]:
         """Take in frame t, return frame ``t - lag``; until there is one, frame 0 as known so far.
 
-        weight: >= 0, divides the noise variance; 0, or any NaN or infinity among the channels that
-            share it, means a missing frame. A scalar, or as in ``init``.
+        **Arguments:** ``state``: of ``init`` or the step before; ``frame``: f[*channels];
+        ``weight``: ≥ 0, divides the noise variance; 0, or any NaN or infinity among the channels
+        that share it, means a missing frame; a scalar, or as in ``init``.
+        **Returns:** the next state, and f[*channels].
+        **Raises:** ``ValueError`` for shapes and dtypes that do not fit; at run time for a weight
+        that is negative or not finite.
         """
         frame = self._as_frame(frame)
         if frame.shape != state.level.shape or frame.dtype != state.level.dtype:
@@ -159,8 +190,13 @@ class StreamingSmoother(eqx.Module):
 
     @jax.jit
     def flush(self, state: StreamState) -> Float[Array, "lag *channels"]:
-        """The last ``lag`` frames, not returned yet, given all frames; where fewer were taken in,
-        those before the first repeat it."""
+        """The last ``lag`` frames, not returned yet, given all frames.
+
+        Where fewer were taken in, those before the first repeat it.
+
+        **Arguments:** ``state``: of the last step.
+        **Returns:** f[lag, *channels].
+        """
         x, v = _filtered(state)
         u, w = state.gains
         return self._finish(state.level + state.offset + u * x + w * v)[1:]

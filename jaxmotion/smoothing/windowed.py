@@ -39,18 +39,19 @@ def windowed_lgs(
     weights: ArrayLike | None = None,
     scale: str = "half",
 ) -> Float[Array, "frames *channels"]:
-    """Posterior mean of the LGS, window by window; ``(T, *channels)``, the dtype of y.
+    """Posterior mean of the LGS, window by window.
 
-    window: frames solved together, at least 4; a clip no longer than that is solved whole, as by
-        ``lgs``.
-    stride: frames from one window to the next, from half the window to the window less 2; None for
-        half the window.
-    steepness: half the sigmoid's range, > 0.
-    y, lam, sigma, order, weights, scale: as for :func:`~jaxmotion.smoothing.lgs`.
+    O(T). Differentiable in y, lam, sigma and weights, in both modes. Source: Eom et al. 2019, §5.1.
 
-    Differentiable in y, lam, sigma and weights, in both modes.
-    Raises ValueError where window, stride, steepness do not fit, and otherwise as ``lgs`` does;
-    there "data at 2 or more distinct frames" is asked of every window.
+    **Arguments:** ``y``: f[T, *channels]; ``lam``, ``sigma``, ``order``, ``weights``, ``scale``: as
+    :func:`~jaxmotion.smoothing.lgs`; ``window``: frames solved together, at least 4; a clip no
+    longer than that is solved whole; ``stride``: frames from one window to the next, from half the
+    window to the window less 2; None for half the window; ``steepness``: half the sigmoid's range,
+    > 0.
+    **Returns:** f[T, *channels], in y's dtype.
+    **Raises:** ``ValueError`` where ``window``, ``stride``, ``steepness`` do not fit; as
+    :func:`~jaxmotion.smoothing.lgs`, where "data at 2 or more distinct frames" is asked of every
+    window.
     """
     y = jnp.asarray(y)
     stride = _checked_stride(window, stride)

@@ -1,4 +1,8 @@
-"""Time: aligning, warping and resampling clips."""
+"""Time: aligning, warping and resampling clips.
+
+Its modules are the library's own; ``accumulate``, ``antidiagonals``, ``spline``, ``step_patterns``
+and ``time_maps`` hold nothing that is public.
+"""
 
 from jaxmotion.frames.padding import bucket_size, pad_to_bucket
 from jaxmotion.timing.align import Alignment, align

@@ -56,14 +56,11 @@ def choice_radix(pattern: StepPattern) -> list[int]:
 def accumulator(pattern: StepPattern, *, ragged: bool, columns: bool, count: bool):
     """The recursion of one pattern as a function of (cost (B, n, m), last_x (B,), last_y (B,)).
 
-    Args:
-        pattern: the path automaton.
-        ragged: whether the pairs' last frames differ from the shape's.
-        columns: whether values along y's last frame are wanted too.
-        count: whether the number of cells of each path is wanted.
-
-    Returns:
-        A function to :class:`Ends` with a leading axis B; under ``jax.vmap`` the new axis joins B.
+    **Arguments:** ``pattern``: the path automaton; ``ragged``: whether the pairs' last frames
+    differ from the shape's; ``columns``: whether values along y's last frame are wanted too;
+    ``count``: whether the number of cells of each path is wanted.
+    **Returns:** a function to :class:`Ends` with a leading axis B; under ``jax.vmap`` the new axis
+    joins B.
     """
 
     def one_block(cost: Array, last_x: Array, last_y: Array) -> Ends:

@@ -65,13 +65,17 @@ def align(
 ) -> Alignment:
     """Give a clip the timing of another.
 
+    O(T_x T_y J). The pairing is discrete: derivatives reach the copy through the poses that are
+    read, not through the times.
+
     **Arguments:** ``source``, ``reference``: clips of one dtype with at least one joint name in
     common; ``method``: "dtw", or "warping" for the same action in another style; ``step_pattern``,
-    ``window``: of :func:`dtw`; ``settle``: m ≥ 0, frames of the reference over which the source
-    times are smoothed, 0 for the pairing as it is.
+    ``window``: of :func:`dtw`, which "warping" does not look at; ``settle``: m ≥ 0, frames of the
+    reference over which the source times are smoothed, 0 for the pairing as it is.
     **Returns:** :class:`Alignment`.
-    **Raises:** ``ValueError`` for another method, no common joints, or a step pattern and window
-    that leave no path.
+    **Raises:** ``ValueError`` for another method or step pattern, two dtypes, no common joints, a
+    negative ``settle``, or a step pattern and window that leave no path; at run time for the last
+    two when traced.
     """
     one_of("align: method", method, ("dtw", "warping"))
     frames = known(settle)

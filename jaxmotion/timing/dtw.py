@@ -39,8 +39,9 @@ from jaxmotion.timing.step_patterns import StepPattern, step_pattern_named
 class WarpPath(Portable):
     """The pairing found: cell ``path[t] = (frame of x, frame of y)`` for ``t < length``.
 
-    Entries from ``length`` on repeat the last cell. ``cost`` is ∞ and ``length`` 0 where no path
-    satisfies the constraints.
+    **Fields:** ``cost``: f[], ∞ where no path satisfies the constraints; ``path``: i32[n + m − 1,
+    2], whose entries from ``length`` on repeat the last cell; ``length``: i32[], 0 where there is
+    no path.
     """
 
     cost: Float[Array, ""]
@@ -69,30 +70,32 @@ def dtw(
 ) -> WarpPath:
     """Warp x onto y. One pair of clips; ``jax.vmap`` makes many, laid out for speed.
 
-    Args:
-        x: features ``(n, f)``, or local rotations ``(n, J, 4)`` with ``metric="pose"``.
-        y: features ``(m, f)`` or rotations ``(m, J, 4)``.
-        cost: a cost matrix ``(n, m)`` instead of x and y.
-        metric: distance of two frames; see :func:`frame_distance`.
-        step_pattern: ``"symmetric"``, ``"symmetric2"``, ``"asymmetric"``, ``"slope1"``,
-            ``"slope2"`` or ``"slope3"``.
-        window: radius in frames of a Sakoe-Chiba band; with clips of different length the band is
-            widened by their difference on the side of the longer one.
-        open_end: True ends x at its last frame and y wherever it fits best; ``"either"`` lets
-            whichever clip is exhausted first end the path.
-        min_matched: with an open end, fewest frames that must be matched of the clip left open.
-        normalize: what ``cost`` reports and what the open end minimises: ``"sum"`` along the path
-            (default), ``"mean"`` over its cells (default with an open end) or ``"frames"``, the sum
-            over the number of matched frames of both clips.
-        x_length: frames of x that count when it is padded (``pad_to_bucket``); may be traced.
-        y_length: the same for y.
+    O(n m). The path passes no derivative; the cost passes that of the cells it selected. Source:
+    Sakoe & Chiba 1978; Aristidou et al. 2018, appendix.
 
-    Returns:
-        :class:`WarpPath` with room for n + m − 1 cells.
+    **Arguments:**
 
-    Raises:
-        ValueError: bad shapes or lengths, unknown names, or clips the pattern cannot join; at run
-            time for traced lengths that are not those of frames there are.
+    - ``x``: features f[n, f], or local rotations f[n, J, 4] with ``metric="pose"``.
+    - ``y``: features f[m, f] or rotations f[m, J, 4].
+    - ``cost``: f[n, m], a cost matrix instead of x and y.
+    - ``metric``: distance of two frames; see :func:`frame_distance`.
+    - ``step_pattern``: "symmetric", "symmetric2", "asymmetric", "slope1", "slope2" or "slope3"
+      (:mod:`jaxmotion.timing.step_patterns`).
+    - ``window``: radius in frames of a Sakoe-Chiba band; with clips of different length the band is
+      widened by their difference on the side of the longer one.
+    - ``open_end``: True ends x at its last frame and y wherever it fits best; "either" lets
+      whichever clip is exhausted first end the path.
+    - ``min_matched``: with an open end, fewest frames that must be matched of the clip left open.
+    - ``normalize``: what the result's cost reports and what the open end minimises: "sum" along the
+      path (default), "mean" over its cells (default with an open end) or "frames", the sum over the
+      number of matched frames of both clips.
+    - ``x_length``, ``y_length``: frames of x and y that count when they are padded
+      (:func:`pad_to_bucket`); may be traced.
+
+    **Returns:** :class:`WarpPath` with room for n + m − 1 cells.
+    **Raises:** ``ValueError`` for bad shapes or lengths, unknown names, a ``window`` or
+    ``min_matched`` out of range, or clips the pattern cannot join; at run time for traced lengths
+    that are not those of frames there are.
     """
     pattern = step_pattern_named(step_pattern)
     (x, y, cost), n, m = counted_pair("dtw", x, y, cost, x_length, y_length)

@@ -38,17 +38,15 @@ def frame_distance(
 ) -> Float[Array, "frames_x frames_y"]:
     """All distances between the frames of two clips.
 
-    Args:
-        x: features ``(n, f)``, or local rotations ``(n, J, 4)`` when ``metric="pose"``.
-        y: features ``(m, f)``, or local rotations ``(m, J, 4)``.
-        metric: ``"euclidean"``, ``"sqeuclidean"``, ``"pose"``, or a function from (x, y) to
-            ``(n, m)``, for example ``functools.partial(pose_distance, trim=3)``.
+    O(n m f). Differentiable in both modes and to any order; the Euclidean distance has a kink where
+    frames agree, and the gradient 0 there.
 
-    Returns:
-        Distances ``(n, m)``; differentiable in both modes and to any order.
-
-    Raises:
-        ValueError: shapes that do not fit, or an unknown metric.
+    **Arguments:** ``x``: features f[n, f], or local rotations f[n, J, 4] with ``metric="pose"``;
+    ``y``: features f[m, f], or local rotations f[m, J, 4]; ``metric``: "euclidean", "sqeuclidean",
+    "pose" (:func:`pose_distance`), or a function from (x, y) to f[n, m], for example
+    ``functools.partial(pose_distance, trim=3)``.
+    **Returns:** f[n, m], in the features' unit, squared for "sqeuclidean".
+    **Raises:** ``ValueError`` for shapes that do not fit, or an unknown metric.
     """
     x, y = jnp.asarray(x), jnp.asarray(y)
     if callable(metric):

@@ -48,15 +48,16 @@ from jaxmotion.timing.frame_distance import frame_distance
 class MotionWarp(Portable):
     """What :func:`motion_warping` found; without a shared warp every field ends in a channel axis.
 
-    Attributes:
-        runs: how many refined reference frames each source frame covers, w ``(N_s,)``.
-        scale: a ``(N_s, C)``.
-        offset: b ``(N_s, C)``.
-        energy: E after each half step ``(2 max_iterations,)``; its last value repeats to the end.
-        converged: whether it stopped before ``max_iterations``.
-        iterations: how many were run.
-        repeats: m; refined frame t stands for reference frame t // m.
-        num_refined: m N_r, frames of the refined timeline.
+    **Fields:**
+
+    - ``runs``: i32[N_s], how many refined reference frames each source frame covers, w.
+    - ``scale``: f[N_s, C], a.
+    - ``offset``: f[N_s, C], b.
+    - ``energy``: f[2 max_iterations], E after each half step; its last value repeats to the end.
+    - ``converged``: bool[], whether it stopped by itself.
+    - ``iterations``: i32[], how many were run.
+    - ``repeats``: m; refined frame t stands for reference frame t // m; static.
+    - ``num_refined``: m N_r, frames of the refined timeline; static.
     """
 
     runs: Int[Array, "source ..."]
@@ -101,28 +102,29 @@ def motion_warping(
 ) -> MotionWarp:
     """Align a source clip with a reference while scaling and shifting its channels over time.
 
-    Args:
-        source: channels of the clip to warp ``(N_s, C)``, angles unwrapped.
-        reference: the clip to follow ``(N_r, C)``.
-        shared: one warp for all channels, or one per channel.
-        slope: m, the steepest local slope either way; by default the smallest that fits both
-            clips, at least 2.
-        scale_smoothness: w_a > 0, weight of the first difference of the scale.
-        offset_smoothness: w_b > 0, the same for the offset. What the normal equations
-            have no digits for, below 16 m √ε of the dtype, is refused.
-        max_iterations: most rounds of warp and fit.
-        tolerance: largest change of the scaled and shifted channels that counts as none, as a share
-            of their spread.
-        throw: whether still changing by more after ``max_iterations`` is an error (else look at
-            ``converged``).
+    O(N_s N_r m³ + N_s C) a round. The warp is a discrete choice; ``scale`` and ``offset`` are
+    differentiable given the warp. Source: Hsu, Pulli & Popović 2005; Wu et al. §4, eq. 1-3.
 
-    Returns:
-        :class:`MotionWarp`.
+    **Arguments:**
 
-    Raises:
-        ValueError: shapes that do not fit, a slope too small for these lengths, or a smoothness
-            outside of what the dtype can solve. At run time for clips that are not finite, and as
-            ``throw`` says.
+    - ``source``: f[N_s, C], channels of the clip to warp, angles unwrapped.
+    - ``reference``: f[N_r, C], the clip to follow.
+    - ``shared``: one warp for all channels, or one per channel.
+    - ``slope``: m, the steepest local slope either way; by default the smallest that fits both
+      clips, at least 2.
+    - ``scale_smoothness``: w_a > 0, weight of the first difference of the scale.
+    - ``offset_smoothness``: w_b > 0, the same for the offset. What the normal equations have no
+      digits for, below 16 m √ε of the dtype, is refused.
+    - ``max_iterations``: most rounds of warp and fit.
+    - ``tolerance``: largest change of the scaled and shifted channels that counts as none, as a
+      share of their spread.
+    - ``throw``: whether still changing by more after ``max_iterations`` is an error (else look at
+      ``converged``).
+
+    **Returns:** :class:`MotionWarp`.
+    **Raises:** ``ValueError`` for shapes that do not fit, a slope too small for these lengths, or a
+    smoothness outside of what the dtype can solve; at run time for clips that are not finite, and
+    as ``throw`` says.
     """
     source, reference = jnp.asarray(source), jnp.asarray(reference)
     num_source, num_reference = source.shape[0], reference.shape[0]
@@ -203,17 +205,15 @@ def unwarp(
 ) -> Float[Array, "source ..."]:
     """Bring a signal on the refined timeline back to the source's: average each run of repeats.
 
-    Args:
-        warped: ``(m N_r, ...)``; with a warp per channel the last axis is the channel.
-        warp: from :func:`motion_warping`.
-        rotations: treat the last axis as unit quaternions and average along geodesics, one more
-            frame at a time (weights 1, 1/2, 1/3, … as in Wu et al. §4); needs a shared warp.
+    ``unwarp(x[warp.source_index], warp)`` is x, for a shared warp. Differentiable in ``warped``.
 
-    Returns:
-        ``(N_s, ...)``. ``unwarp(x[warp.source_index], warp)`` is x. Differentiable in ``warped``.
-
-    Raises:
-        ValueError: a length that is not the warp's, or rotations with a warp per channel.
+    **Arguments:** ``warped``: (m N_r, ...); with a warp per channel the last axis is the channel;
+    ``warp``: of :func:`motion_warping`; ``rotations``: treat the last axis as unit quaternions and
+    average along geodesics, one more frame at a time (weights 1, 1/2, 1/3, … as in Wu et al. §4);
+    needs a shared warp.
+    **Returns:** (N_s, ...).
+    **Raises:** ``ValueError`` for a length that is not the warp's, or rotations that are no
+    quaternions or come with a warp per channel.
     """
     warped = jnp.asarray(warped)
     if warped.shape[0] != warp.num_refined:

@@ -31,17 +31,14 @@ def pose_distance(
 ) -> Float[Array, "frames_x frames_y"]:
     """Trimmed sum of squared joint rotations between all frames of two clips.
 
-    Args:
-        x: local rotations ``(n, J, 4)``, unit quaternions; signs do not matter.
-        y: local rotations ``(m, J, 4)``.
-        trim: how many of the largest joint terms to leave out, per pair of frames.
-        weights: one factor per joint ``(J,)``, applied before trimming; 1 when omitted.
+    O(n m J). Differentiable in both modes. Source: Aristidou et al. 2018, eq. 1 and §5.
 
-    Returns:
-        ``(n, m)`` squared half-angle radians; differentiable in both modes.
-
-    Raises:
-        ValueError: shapes that do not fit, or ``trim`` outside ``0 ... J - 1``.
+    **Arguments:** ``x``: local rotations f[n, J, 4], unit quaternions, whose signs do not matter;
+    ``y``: local rotations f[m, J, 4]; ``trim``: how many of the largest joint terms to leave out,
+    per pair of frames; ``weights``: f[J], one factor per joint, applied before trimming; 1 when
+    omitted.
+    **Returns:** f[n, m], squared half-angle radians.
+    **Raises:** ``ValueError`` for shapes that do not fit, or ``trim`` outside 0 … J − 1.
     """
     x, y = jnp.asarray(x), jnp.asarray(y)
     if x.ndim != 3 or y.ndim != 3 or x.shape[1:] != y.shape[1:] or x.shape[2] != 4:

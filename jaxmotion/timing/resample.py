@@ -74,22 +74,36 @@ def resample(
 ) -> Motion:
     """A clip at another frame rate, of another number of frames, or from sparse keys.
 
-    **Arguments:** one of
+    One of ``fps``, ``num_frames`` and ``index`` decides when frames are read. O(T·J + N·J).
+    Differentiable in the motion, ``index`` and ``smoothing``. Source: Eom et al. 2019, Eq. 11,
+    §5.3.
 
+    **Arguments:**
+
+    - ``motion``: one clip of T frames.
     - ``fps``: the new rate; the module says which frames fit. Under ``jax.jit`` a traced frame time
       does not tell their number: give ``num_frames`` there.
     - ``num_frames``: N; the duration is kept, and the frame time follows.
     - ``index``: f[T], strictly increasing, whole or fractional: where on the new timeline each
       frame belongs. With it ``num_frames`` is the length of that timeline (up to the last key when
       left out), and ``fps`` its rate (the motion's when left out).
+    - ``method``: "lgs", "cubic" or "slerp".
+    - ``smoothing``: λσ ≥ 0 of "lgs", a scalar or f[J], in frames of the source (of the new timeline
+      with ``index``).
+    - ``signs``: "min_energy", "nearest" or the "input"'s own (no matter to "slerp").
 
-    ``method``: "lgs", "cubic" or "slerp"; ``smoothing``: λσ ≥ 0 of "lgs", a scalar or f[J], in
-    frames of the source (of the new timeline with ``index``); ``signs``: "min_energy", "nearest" or
-    the "input"'s own (no matter to "slerp").
-    **Returns:** a motion of N frames with its frame time. Differentiable in the motion, ``index``
-    and ``smoothing``.
-    **Raises:** ``ValueError`` for arguments that do not fit together; at run time for a traced
-    ``index`` that does not increase.
+    **Returns:** a motion of N frames with its frame time.
+    **Raises:** ``ValueError`` for unknown choices, arguments that do not fit together, a batch, an
+    ``index`` that does not increase or a negative ``smoothing``; at run time for the last two when
+    traced.
+
+    **Example:**
+
+        >>> import jaxmotion as jm
+        >>> motion = jm.samples.load("walk").motion[:16]
+        >>> finer = jm.resample(motion, num_frames=31)
+        >>> round(float(motion.fps)), round(float(finer.fps)), len(finer)
+        (60, 120, 31)
     """
     _check_choice(method, signs, fps, num_frames)
     if index is not None:

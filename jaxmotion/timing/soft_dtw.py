@@ -66,23 +66,23 @@ def soft_dtw(
 ) -> Float[Array, ""]:
     """Soft minimum over all warps of x onto y of the summed frame distances; a training loss.
 
-    Args:
-        x: features ``(n, f)``, or local rotations ``(n, J, 4)`` with ``metric="pose"``.
-        y: features ``(m, f)`` or rotations ``(m, J, 4)``.
-        gamma: temperature > 0, in the unit of the cost; differentiable. As small as the dtype has:
-            the value is then that of ``dtw``.
-        cost: a cost matrix ``(n, m)`` instead of x and y.
-        metric: distance of two frames; see :func:`frame_distance`.
-        x_length: frames of x that count when it is padded (``pad_to_bucket``); may be traced.
-        y_length: the same for y.
+    One pair of clips; ``jax.vmap`` makes many. O(n m). Differentiable in x, y, cost and gamma in
+    both modes, to any order. Source: Cuturi & Blondel 2017, algorithms 1 and 2.
 
-    Returns:
-        The value, in the unit of the cost. One pair; use ``jax.vmap`` for many. Differentiable in
-        x, y, cost and gamma in both modes, to any order.
+    **Arguments:**
 
-    Raises:
-        ValueError: bad shapes or lengths, or a gamma that is not positive; at run time for traced
-            ones.
+    - ``x``: features f[n, f], or local rotations f[n, J, 4] with ``metric="pose"``.
+    - ``y``: features f[m, f] or rotations f[m, J, 4].
+    - ``gamma``: temperature > 0, in the unit of the cost. As small as the dtype has, the value is
+      that of :func:`dtw`.
+    - ``cost``: f[n, m], a cost matrix instead of x and y.
+    - ``metric``: distance of two frames; see :func:`frame_distance`.
+    - ``x_length``, ``y_length``: frames of x and y that count when they are padded
+      (:func:`pad_to_bucket`); may be traced.
+
+    **Returns:** f[], in the unit of the cost; it may be negative.
+    **Raises:** ``ValueError`` for bad shapes or lengths, an unknown metric, or a gamma that is not
+    positive; at run time for traced ones.
     """
     return _compiled(_soft_value, x, y, gamma, cost, metric, x_length, y_length)
 
@@ -99,10 +99,12 @@ def soft_alignment(
 ) -> Float[Array, "frames_x frames_y"]:
     """How likely each pair of frames is matched: the gradient of :func:`soft_dtw` in the cost.
 
-    Arguments and errors are those of :func:`soft_dtw`.
+    O(n m). Differentiable in both modes. Source: Mensch & Blondel 2018.
 
-    Returns:
-        ``(n, m)``, entries in [0, 1], 1 at the first and last pair. Differentiable.
+    **Arguments:** ``x``, ``y``, ``gamma``, ``cost``, ``metric``, ``x_length``, ``y_length``: as
+    :func:`soft_dtw`.
+    **Returns:** f[n, m], entries in [0, 1], 1 at the first and last pair.
+    **Raises:** as :func:`soft_dtw`.
     """
     arguments = (x, y, gamma, cost, metric, x_length, y_length)
     return _compiled(_value_and_alignment, *arguments)[1]

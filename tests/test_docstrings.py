@@ -1,0 +1,132 @@
+"""Docstrings of all that is public: one form, and examples that run.
+
+    A first sentence.    **Arguments:** ``name``: ...    **Returns:** ...    **Raises:** ...
+    **Example:** >>> ...
+
+Public is what a module's ``__all__`` names.
+"""
+
+import ast
+import dataclasses
+import doctest
+import importlib
+import inspect
+import pkgutil
+import re
+from pathlib import Path
+
+import equinox as eqx
+
+import jaxmotion
+
+PACKAGE = Path(jaxmotion.__file__).parent
+# Rooms whose docstrings are still to be brought into the form.
+TO_COME = {
+    "least_squares",  # a module of linalg
+    "spacetime",
+}
+SECTIONS = ("Arguments", "Returns", "Raises", "Example")
+HEADING = re.compile(r"\*\*([\w ]+):\*\*")
+OTHER_FORMS = re.compile(
+    r"^ *(Args|Arguments|Parameters|Returns|Raises|Yields|Attributes|Examples?|Notes?):"
+    r"|^ *Raises (?!:)|:param\b|:returns?:|^ *-{4,}$",
+    re.MULTILINE,
+)
+
+
+def _to_come(module):
+    return not TO_COME.isdisjoint(module.split("."))
+
+
+def _own(module):
+    """No API: private modules, and the command line, whose docstrings are its help."""
+    return any(part[0] == "_" or part == "cli" for part in module.split("."))
+
+
+def _public():
+    """``module.name`` to what that is, once each, of what is callable."""
+    found, seen = {}, set()
+    walked = pkgutil.walk_packages(jaxmotion.__path__, "jaxmotion.")
+    for module in ["jaxmotion", *(info.name for info in walked)]:
+        if _own(module) or _to_come(module):
+            continue
+        room = importlib.import_module(module)
+        for name in getattr(room, "__all__", ()):
+            thing = getattr(room, name)
+            if callable(thing) and id(thing) not in seen and not _to_come(thing.__module__):
+                found[f"{module}.{name}"] = thing
+                seen.add(id(thing))
+    return found
+
+
+def _faults_of_function(function):
+    doc = inspect.getdoc(function) or ""
+    prose, *rest = HEADING.split(doc)
+    sections = dict(zip(rest[::2], rest[1::2], strict=True))
+    if not prose.partition("\n\n")[0].rstrip().endswith("."):
+        yield "no first sentence with a full stop"
+    if rest[::2] != [s for s in SECTIONS if s in sections]:
+        yield f"sections {rest[::2]}; expected of {SECTIONS}, in that order"
+    signature = inspect.signature(function)
+    named = re.findall(r"``(\w+)``", sections.get("Arguments", ""))
+    if missing := [name for name in signature.parameters if name not in named]:
+        yield f"**Arguments:** leaves out {missing}"
+    if "Returns" not in sections and signature.return_annotation is not None:
+        yield "no **Returns:**"
+
+
+def _faults_of_class(cls):
+    doc = inspect.getdoc(cls) or ""
+    if not doc.partition("\n\n")[0].rstrip().endswith("."):
+        yield "no first sentence with a full stop"
+    known = {"Fields", *SECTIONS}
+    if strange := [head for head in HEADING.findall(doc) if head not in known]:
+        yield f"sections {strange}; expected of {known}"
+    named = re.findall(r"``(\w+)``", doc)
+    fields = dataclasses.fields(cls) if issubclass(cls, eqx.Module) else ()
+    fields = [field.name for field in fields if field.name[0] != "_"]
+    if missing := [name for name in fields if name not in named]:
+        yield f"fields {missing} are not named"
+
+
+def test_docstrings_of_what_is_public_have_the_form():
+    faults = []
+    for name, thing in _public().items():
+        of = _faults_of_class if inspect.isclass(thing) else _faults_of_function
+        faults += [f"{name}: {fault}" for fault in of(thing)]
+    assert not faults, "\n".join(faults)
+
+
+def test_no_docstring_has_another_form():
+    wrong = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        place = path.relative_to(PACKAGE)
+        if _to_come(".".join(place.with_suffix("").parts)):
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+                for found in OTHER_FORMS.finditer(ast.get_docstring(node) or ""):
+                    wrong.append(f"{place}: {getattr(node, 'name', '')}: {found[0].strip()!r}")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_examples_run():
+    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+    failed = []
+    with_example = set()
+    for name, thing in _public().items():
+        for example in doctest.DocTestFinder().find(thing, name, module=False, globs={}):
+            runner = doctest.DocTestRunner(verbose=False, optionflags=options)
+            told = []
+            runner.run(example, out=told.append)
+            if example.examples:
+                with_example.add(name)
+            if runner.failures:
+                failed.append("".join(told))
+    assert not failed, "\n".join(failed)
+    owing = {
+        f"jaxmotion.{name}"
+        for name in jaxmotion.__all__
+        if not inspect.ismodule(getattr(jaxmotion, name))
+    }
+    assert owing <= with_example, f"no example: {sorted(owing - with_example)}"
