@@ -129,7 +129,8 @@ __all__ = [
 ]
 
 
-__getattr__ = loader(__name__, _HOMES, _MODULES)
+if not TYPE_CHECKING:  # to a type checker it would make every name one of this module
+    __getattr__ = loader(__name__, _HOMES, _MODULES)
 
 
 def __dir__() -> list[str]:

@@ -10,6 +10,7 @@ are numpy or SciPy and share no code with the library.
     assert_same_rotation(a, b)       q and −q agree; tolerance in radians
     world_by_matrices(motion)        forward kinematics by 4x4 matrices, joint by joint
     no_shape_checks()                the library as users run it, for the errors they see
+    single_precision()               JAX as it comes, without float64
 """
 
 from contextlib import contextmanager
@@ -199,6 +200,16 @@ def world_by_matrices(motion: Motion):
     homogeneous = np.concatenate([offsets, np.ones((len(ends), 1))], -1)[..., None]
     tips = (world[..., ends, :, :] @ homogeneous)[..., :3, 0]
     return world[..., :3, 3], world[..., :3, :3], tips
+
+
+@contextmanager
+def single_precision():
+    """JAX as it comes, without float64."""
+    jax.config.update("jax_enable_x64", False)
+    try:
+        yield
+    finally:
+        jax.config.update("jax_enable_x64", True)
 
 
 @contextmanager

@@ -39,7 +39,7 @@ def test_help_does_not_import_jax():
 def test_use_changes_no_setting_and_no_warning_filter():
     _run("""
         import warnings
-        import equinox, jax, jaxtyping, lineax, numpy, optimistix
+        import equinox, jax, jaxtyping, lineax, numpy, optimistix, scipy.sparse
 
         def settings():
             return (

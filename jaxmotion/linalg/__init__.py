@@ -50,9 +50,9 @@ if TYPE_CHECKING:
         GaussNewton,
         LevenbergMarquardt,
     )
-
-_SOLVERS = ("BlockBandedCholesky", "GaussNewton", "LevenbergMarquardt")
-__getattr__ = loader(__name__, dict.fromkeys(_SOLVERS, "least_squares"))
+else:  # hidden from type checkers, to which it would make every name one of this module
+    _SOLVERS = ("BlockBandedCholesky", "GaussNewton", "LevenbergMarquardt")
+    __getattr__ = loader(__name__, dict.fromkeys(_SOLVERS, "least_squares"))
 
 __all__ = [
     "BandedFactor",

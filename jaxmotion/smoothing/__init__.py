@@ -18,10 +18,10 @@ from jaxmotion.smoothing.windowed import windowed_lgs
 
 if TYPE_CHECKING:
     from jaxmotion.smoothing.geodesic_regression import GeodesicPosterior, geodesic
-
-__getattr__ = loader(
-    __name__, dict.fromkeys(("GeodesicPosterior", "geodesic"), "geodesic_regression")
-)
+else:  # hidden from type checkers, to which it would make every name one of this module
+    __getattr__ = loader(
+        __name__, dict.fromkeys(("GeodesicPosterior", "geodesic"), "geodesic_regression")
+    )
 
 __all__ = [
     "GeodesicPosterior",

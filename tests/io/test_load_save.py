@@ -4,7 +4,6 @@ import os
 import pickle
 import stat
 
-import jax
 import numpy as np
 import pytest
 
@@ -12,7 +11,7 @@ import jaxmotion as jm
 from jaxmotion.io import MotionFileError
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.io.errors import quoted
-from tests.helpers import random_motion, random_skeleton
+from tests.helpers import random_motion, random_skeleton, single_precision
 
 
 @pytest.fixture
@@ -54,7 +53,7 @@ def test_dtype(motion, tmp_path):
     assert jm.load(path, dtype="float32").dtype == np.float32
     with pytest.raises(ValueError, match="float32 or float64"):
         jm.load(path, dtype=np.int32)
-    with jax.enable_x64(False):
+    with single_precision():
         assert jm.load(path).dtype == np.float32
         with pytest.raises(ValueError, match="jax_enable_x64"):
             jm.load(path, dtype=np.float64)

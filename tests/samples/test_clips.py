@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jaxmotion import samples
-from tests.helpers import world_by_matrices
+from tests.helpers import single_precision, world_by_matrices
 
 LEG = 0.92
 # Peak angular speed (rad/s) and acceleration (rad/s²) over all joints, with a margin.
@@ -223,7 +223,7 @@ def test_a_longer_clip_begins_with_the_shorter_one(clips, name):
 
 
 def test_without_double_precision_clips_are_single():
-    with jax.enable_x64(False):
+    with single_precision():
         sample = samples.walk(20)
         assert sample.motion.dtype == np.float32
         with pytest.raises(ValueError, match="jax_enable_x64"):
