@@ -80,13 +80,13 @@ def forward_kinematics(motion: Motion) -> WorldPose:
     """
     batch = motion.rotations.shape[:-2]
     moved = tuple(sorted(set(motion.translated_joints)))
-    still = jnp.broadcast_to(motion.translations[..., :1, :, :], motion.translations.shape)
+    resting = jnp.broadcast_to(motion.translations[..., :1, :, :], motion.translations.shape)
     world, positions = _chain(
         motion.skeleton.parents,
         moved,
         jax.lax.optimization_barrier(_to_lanes(motion.rotations)),
         jax.lax.optimization_barrier(_rows(_to_lanes(motion.translations), np.array(moved, int))),
-        _to_lanes(still),
+        _to_lanes(resting),
     )
     ends = np.asarray(motion.skeleton.end_joints, int)
     offsets = jnp.asarray(motion.skeleton.end_offsets, motion.dtype)[:, :, None]
@@ -154,26 +154,26 @@ def _rows(x: Array, rows: np.ndarray) -> Array:
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
 def _chain(
-    parents: tuple[int, ...], moved: tuple[int, ...], q: Lanes, moving: Array, still: Lanes
+    parents: tuple[int, ...], moved: tuple[int, ...], q: Lanes, moving: Array, resting: Lanes
 ) -> tuple[Lanes, Lanes]:
     """World rotations and positions from local rotations, of any length, and translations:
-    ``moving``, lanes of the joints ``moved``, and ``still``, of which the other joints count."""
+    ``moving``, lanes of the joints ``moved``, and ``resting``, of which the other joints count."""
 
     def own(joints):
-        return _rows(q, joints), _translations(moved, moving, still, joints)
+        return _rows(q, joints), _translations(moved, moving, resting, joints)
 
     return _Levels(parents).descend(own, _compose)
 
 
-def _translations(moved: tuple[int, ...], moving: Array, still: Array, joints) -> Array:
+def _translations(moved: tuple[int, ...], moving: Array, resting: Array, joints) -> Array:
     """The translations of some joints, read from ``moving`` only for those that are ``moved``."""
     moves = np.isin(joints, moved)
     if not moves.any():
-        return _rows(still, joints)
+        return _rows(resting, joints)
     place = np.where(moves, np.searchsorted(moved, joints), 0)
     if moves.all():
         return _rows(moving, place)
-    return jnp.where(moves[:, None, None], moving[place], still[joints])
+    return jnp.where(moves[:, None, None], moving[place], resting[joints])
 
 
 def _compose(above: tuple[Lanes, Lanes] | None, own: tuple[Lanes, Lanes]) -> tuple[Lanes, Lanes]:
@@ -193,8 +193,8 @@ def _squared_norm(q) -> Array:
 
 @_chain.defjvp
 def _chain_jvp(parents, moved, primals, tangents):
-    q, (dq, moving, still) = primals[0], tangents
-    dt = still.at[np.array(moved, int)].set(moving, unique_indices=True)
+    q, (dq, moving, resting) = primals[0], tangents
+    dt = resting.at[np.array(moved, int)].set(moving, unique_indices=True)
     world, positions = _chain(parents, moved, *primals)
     above_all = np.maximum(parents, 0)
     root = (np.arange(len(parents)) == 0)[:, None, None]

@@ -81,7 +81,7 @@ def guess_up(motion: Motion) -> UpGuess:
         return UpGuess(None, f"no {'head' if feet else 'feet'} by name")
     if hips is None or hips in feet:
         return UpGuess(None, "no hips above two feet")
-    points, tips, turns, rest = _positions(motion)
+    points, tips, rotations, rest = _positions(motion)
     if not (np.isfinite(points).all() and np.isfinite(tips).all()):
         return UpGuess(None, "positions that are not finite")
     legs = points[:, hips] - points[:, feet].mean(axis=1)
@@ -102,7 +102,7 @@ def guess_up(motion: Motion) -> UpGuess:
     if sway[k] <= min(_LEVEL, share * moves) and moves > _FROZEN:
         return UpGuess(axis, f"it stands along {axis}, on a level floor")
     far = way[others].max()
-    if far >= _FAR and way[k] <= _FLAT * far and _twist(turns[:, hips], k) <= _ROLLS:
+    if far >= _FAR and way[k] <= _FLAT * far and _twist(rotations[:, hips], k) <= _ROLLS:
         return UpGuess(axis, f"it stands along {axis} and goes across it")
     rest_body = rest[head] - rest[list(feet)].mean(axis=0)
     if sway.max() <= _STILL and _along(rest_body[None])[k] >= _REST:
@@ -147,17 +147,17 @@ def _positions(motion: Motion):
     before a compiler has begun."""
     frames = np.linspace(0, motion.num_frames - 1, _FRAMES).round().astype(int)
     positions = np.array(np.asarray(motion.translations)[frames], np.float64)
-    turns = _matrices(np.asarray(motion.rotations)[frames].astype(np.float64))
+    rotations = _matrices(np.asarray(motion.rotations)[frames].astype(np.float64))
     rest = np.array(motion.skeleton.offsets, np.float64)
     for j, parent in enumerate(motion.skeleton.parents[1:], 1):
-        above = turns[:, parent]
+        above = rotations[:, parent]
         positions[:, j] = positions[:, parent] + (above @ positions[:, j, :, None])[..., 0]
-        turns[:, j] = above @ turns[:, j]
+        rotations[:, j] = above @ rotations[:, j]
         rest[j] += rest[parent]
     ends = list(motion.skeleton.end_joints)
     end_offsets = np.asarray(motion.skeleton.end_offsets, np.float64)
-    tips = positions[:, ends] + (turns[:, ends] @ end_offsets[:, :, None])[..., 0]
-    return positions, tips, turns, rest
+    tips = positions[:, ends] + (rotations[:, ends] @ end_offsets[:, :, None])[..., 0]
+    return positions, tips, rotations, rest
 
 
 def _matrices(q: np.ndarray) -> np.ndarray:
@@ -173,9 +173,9 @@ def _along(vectors: np.ndarray) -> np.ndarray:
     return vectors.mean(axis=0) / max(np.linalg.norm(vectors, axis=-1).mean(), 1e-300)
 
 
-def _twist(turns: np.ndarray, axis: int) -> float:
+def _twist(rotations: np.ndarray, axis: int) -> float:
     """Range of the turn of rotations [F, 3, 3] about an axis of the world, radians."""
-    since = turns @ turns[0].T
+    since = rotations @ rotations[0].T
     i, j = (axis + 1) % 3, (axis + 2) % 3
     angle = np.arctan2(since[:, j, i] - since[:, i, j], since[:, i, i] + since[:, j, j])
     return float(np.ptp(np.unwrap(angle)))

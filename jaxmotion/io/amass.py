@@ -219,8 +219,8 @@ def _poses(archive: Archive) -> np.ndarray:
         wanted = tuple(_PARTS)
     else:
         wanted = tuple(name for name in _PARTS if name not in _FACE_PARTS and name in parts)
-    still = {name: np.zeros((frames, _PARTS[name])) for name in wanted}
-    return np.concatenate([parts.get(name, still[name]) for name in wanted], axis=1)
+    zeros = {name: np.zeros((frames, _PARTS[name])) for name in wanted}
+    return np.concatenate([parts.get(name, zeros[name]) for name in wanted], axis=1)
 
 
 def _numbers(archive: Archive, name: str, what: str) -> np.ndarray:

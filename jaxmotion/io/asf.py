@@ -65,11 +65,11 @@ def rotation_order(dofs: tuple[str, ...]) -> str:
     Absent axes are completed so that, with one or two dofs, the middle angle is absent: then the
     angles present are unique.
     """
-    turns = "".join(name[1].lower() for name in dofs if name[0] in "rR")
-    others = "".join(axis for axis in "xyz" if axis not in turns)
-    if len(turns) == 2:
-        return turns[0] + others + turns[1]
-    return turns + others if len(turns) < 3 else turns
+    letters = "".join(name[1].lower() for name in dofs if name[0] in "rR")
+    others = "".join(axis for axis in "xyz" if axis not in letters)
+    if len(letters) == 2:
+        return letters[0] + others + letters[1]
+    return letters + others if len(letters) < 3 else letters
 
 
 def read_asf(
@@ -303,10 +303,10 @@ class _Reader:
                 line,
                 hint="bake the lengths into translations (tx ty tz) first",
             )
-        turns = [name for name in names if name[0] == "r"]
+        rotating = [name for name in names if name[0] == "r"]
         moves = [name for name in names if name[0] == "t"]
-        proper_euler = len(turns) == 3 and turns[0] == turns[2] != turns[1]
-        distinct = len(set(turns)) == len(turns) or proper_euler
+        proper_euler = len(rotating) == 3 and rotating[0] == rotating[2] != rotating[1]
+        distinct = len(set(rotating)) == len(rotating) or proper_euler
         if set(names) - set(DOFS) or not distinct or len(set(moves)) != len(moves):
             self.fail(quoted(" ".join(values)), f"dofs among {', '.join(DOFS)}, each once", line)
         return tuple(values)

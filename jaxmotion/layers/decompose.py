@@ -170,8 +170,8 @@ def _decompose(
     if criterion is not None:
         tuning, clean = without_noise(motion, criterion, order, weights, method)
     rungs = _rungs_of(method, order, motion.dtype)
-    still = jax.lax.stop_gradient(clean.rotations)
-    rung, saturated = _climb(still, weights, gamma, scope, order, rungs)
+    constant = jax.lax.stop_gradient(clean.rotations)
+    rung, saturated = _climb(constant, weights, gamma, scope, order, rungs)
     lam, sigma = _rung_parameters(rung, motion.dtype)
     base = smooth_motion(clean, lam, sigma, order=order, weights=weights, method=method)
     whole = minus(clean, base)

@@ -166,8 +166,8 @@ def _affine(matrix: Matrix, vector: tuple[Array, Array], reverse: bool = False):
         x, v = _apply(m2, u1)
         return _product(m2, m1), (x + u2[0], v + u2[1])
 
-    still = jnp.zeros_like(vector[0][:1])
-    identity = _identity(matrix[0][0][:1]), (still, still)
+    nothing = jnp.zeros_like(vector[0][:1])
+    identity = _identity(matrix[0][0][:1]), (nothing, nothing)
     return _scan(join, (matrix, vector), identity, reverse)
 
 

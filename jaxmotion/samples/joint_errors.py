@@ -226,8 +226,8 @@ def _violate_limits(motion, key, runs, excess, length, joints):
     widest = jnp.argmax(jnp.sum(v * v, axis=-1), axis=0)
     e = jnp.take_along_axis(v, widest[None, :, None], axis=0)
     norm = safe_norm(e, keepdims=True)
-    still = norm < float(jnp.finfo(v.dtype).eps) ** 0.5
-    e = jnp.where(still, jnp.array([1, 0, 0], v.dtype), e / jnp.where(still, 1, norm))
+    zero = norm < float(jnp.finfo(v.dtype).eps) ** 0.5
+    e = jnp.where(zero, jnp.array([1, 0, 0], v.dtype), e / jnp.where(zero, 1, norm))
     along = jnp.sum(v * e, axis=-1)
     goal = jnp.max(along, axis=0) + drawn.spread(_scale(drawn.spare[:, 0], excess))
     beyond = quaternion.exp(v + (goal - along)[..., None] * e)

@@ -76,7 +76,7 @@ class _Problem(eqx.Module):
     loss: Literal["l2", "huber", "cauchy"] = eqx.field(static=True)
 
     @property
-    def still(self) -> Float[Array, "frames 3 joints"]:
+    def unmoved(self) -> Float[Array, "frames 3 joints"]:
         """No turn."""
         return jnp.zeros_like(component_first(self.start[..., 1:]))
 
@@ -204,7 +204,7 @@ class GeodesicPosterior(Portable):
 @eqx.filter_jit
 def _cost(problem: _Problem) -> Array:
     parts = (
-        jnp.sum(r**2, axis=tuple(range(r.ndim - 1))) for r in _residuals(problem.still, problem)
+        jnp.sum(r**2, axis=tuple(range(r.ndim - 1))) for r in _residuals(problem.unmoved, problem)
     )
     cost = 0.5 * functools.reduce(jnp.add, parts) / problem.sigma**2
     return jnp.broadcast_to(cost, problem.start.shape[1:2])
@@ -212,15 +212,15 @@ def _cost(problem: _Problem) -> Array:
 
 @eqx.filter_jit
 def _gradient_norm(problem: _Problem) -> Array:
-    return jnp.max(jnp.abs(_torque(problem.still, problem)))
+    return jnp.max(jnp.abs(_torque(problem.unmoved, problem)))
 
 
 @eqx.filter_jit
 def _covariance(problem: _Problem) -> Array:
-    still = problem.still
-    _, forward = jax.linearize(lambda turn: _residuals(turn, problem), still)
-    backward = jax.linear_transpose(forward, still)
-    like = jax.ShapeDtypeStruct(still.shape, still.dtype)
+    unmoved = problem.unmoved
+    _, forward = jax.linearize(lambda turn: _residuals(turn, problem), unmoved)
+    backward = jax.linear_transpose(forward, unmoved)
+    like = jax.ShapeDtypeStruct(unmoved.shape, unmoved.dtype)
     blocks = probe_blocks(lambda v: backward(forward(v))[0], like, problem.order)
     inverse = block_banded_selected_inverse(block_banded_factor(blocks, throw=False))
     return jnp.moveaxis(inverse[:, 0] * problem.sigma**2, -1, 1)
@@ -288,11 +288,11 @@ def geodesic(
 @eqx.filter_jit
 def _solve(problem: _Problem, throw: bool, joints: tuple[int, ...]) -> GeodesicPosterior:
     frozen = jax.tree.map(lax.stop_gradient, problem)
-    still = frozen.still
+    unmoved = frozen.unmoved
     found = optimistix.least_squares(
         _residuals,
-        GaussNewton(0.0, float(jnp.finfo(still.dtype).eps) ** (2 / 3), problem.order),
-        still,
+        GaussNewton(0.0, float(jnp.finfo(unmoved.dtype).eps) ** (2 / 3), problem.order),
+        unmoved,
         frozen,
         max_steps=_MAX_STEPS,
         throw=False,
@@ -319,7 +319,7 @@ def _solve(problem: _Problem, throw: bool, joints: tuple[int, ...]) -> GeodesicP
 
     # The answer again, as the root of the torque: nothing moves, but derivatives pass.
     turn = lax.custom_root(
-        lambda turn: _torque(turn, problem), still, lambda _, start: start, tangent_solve
+        lambda turn: _torque(turn, problem), unmoved, lambda _, start: start, tangent_solve
     )
     mean = problem.rotations(turn)
     problem = eqx.tree_at(lambda p: p.start, problem, mean)

@@ -202,9 +202,9 @@ def read_motion(
         curve = _curve(translations, rotations, h, smoothing, length, method, signs)
         poses = _read(h, *curve, interval, fraction, len(moved))
     new_translations, new_rotations = (part[:wanted] for part in poses)
-    still = jnp.broadcast_to(motion.translations[:1], (wanted, motion.num_joints, 3))
+    resting = jnp.broadcast_to(motion.translations[:1], (wanted, motion.num_joints, 3))
     rate = {} if frame_time is motion.frame_time else {"frame_time": frame_time}
-    new_translations = still.at[:, moved].set(place + new_translations)
+    new_translations = resting.at[:, moved].set(place + new_translations)
     return motion.replace(translations=new_translations, rotations=new_rotations, **rate)
 
 
