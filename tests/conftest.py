@@ -1,5 +1,6 @@
 """Test session: float64 on, strict promotion, a compile cache, and where real captures are."""
 
+import gc
 import os
 from importlib import metadata
 from pathlib import Path
@@ -23,6 +24,12 @@ if cache := os.environ.get("JAXMOTION_TEST_CACHE"):
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 _BESIDE = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def pytest_collection_finish(session):
+    """Look for garbage less often: tracing makes many objects, and modules stay."""
+    gc.freeze()
+    gc.set_threshold(20_000)
 
 
 @pytest.fixture(scope="module", autouse=True)

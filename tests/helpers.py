@@ -7,6 +7,7 @@ are numpy or SciPy and share no code with the library.
     assert_finite_derivatives(...)   both modes, full Jacobian, at singular places
     assert_jit_and_vmap_agree(...)   jit == eager, and vmap == a loop over the leading axis
     random_quaternions / random_vectors / random_skeleton / random_motion
+    quaternions_by(vectors)          exp, for clips made by hand: compiles nothing
     assert_same_rotation(a, b)       q and −q agree; tolerance in radians
     world_by_matrices(motion)        forward kinematics by 4x4 matrices, joint by joint
     no_shape_checks()                the library as users run it, for the errors they see
@@ -128,6 +129,14 @@ def random_quaternions(rng, shape=(), dtype=np.float64, angle=None):
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
     half = 0.5 * angle * rng.uniform(0, 1, (*shape, 1))
     return jnp.asarray(np.concatenate([np.cos(half), np.sin(half) * axis], -1), dtype)
+
+
+def quaternions_by(vectors, dtype=np.float64) -> np.ndarray:
+    """Unit quaternions (..., 4) that turn by rotation vectors (..., 3), by SciPy: called eagerly,
+    ``quaternion.exp`` compiles some 25 programs for every new shape."""
+    vectors = np.asarray(vectors, np.float64)
+    q = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_quat(scalar_first=True)
+    return q.reshape(*vectors.shape[:-1], 4).astype(dtype)
 
 
 def random_skeleton(rng, joints=7, kind="tree", dtype=np.float64, end_sites=True) -> Skeleton:

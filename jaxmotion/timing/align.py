@@ -125,6 +125,7 @@ def _compared(source: Motion, reference: Motion) -> tuple[Array, Array]:
     return source.rotations[:, own], reference.rotations[:, other]
 
 
+@jax.jit
 def _channels(x: Array, y: Array) -> tuple[Array, ...]:
     """Quaternion components less their means, f[T, 4 J], without jumps, in one hemisphere."""
     x, y = quaternion.align_signs(x), quaternion.align_signs(y)

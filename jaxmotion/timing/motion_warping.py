@@ -30,6 +30,7 @@ Energies carry no derivative.
 """
 
 import math
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -344,6 +345,7 @@ def _per_channel(function, runs, *signal, **static):
     return (one if runs.ndim == 1 else jax.vmap(one, -1, -1))(runs, *signal)
 
 
+@partial(jax.jit, static_argnames="num_refined")
 def _source_index(runs, *, num_refined):
     frames = jnp.arange(runs.shape[0], dtype=runs.dtype)
     return jnp.repeat(frames, runs, total_repeat_length=num_refined)

@@ -8,6 +8,7 @@ from click.testing import CliRunner
 import jaxmotion as jm
 from jaxmotion.cli import _session
 from jaxmotion.cli._app import app
+from tests.helpers import quaternions_by
 
 _NOTICE = _session._CompilingNotice
 
@@ -55,8 +56,7 @@ def swinging(frames=40, seed=0, noise=0.02):
     phase = rng.uniform(0, 6, (4, 3))
     turns = 0.5 * np.sin(3 * t + phase) + noise * rng.standard_normal((frames, 4, 3))
     root = np.stack([t[:, 0, 0], 9 + 0 * t[:, 0, 0], 2 * t[:, 0, 0]], -1)
-    rotations = np.asarray(jm.quaternion.exp(turns))
-    return jm.Motion.from_root(skeleton, root, rotations, 1 / 30)
+    return jm.Motion.from_root(skeleton, root, quaternions_by(turns), 1 / 30)
 
 
 @pytest.fixture

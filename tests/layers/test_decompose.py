@@ -17,6 +17,7 @@ from tests.helpers import (
     assert_trees_close,
     check_gradients,
     no_shape_checks,
+    quaternions_by,
     random_motion,
 )
 from tests.smoothing.test_rotations import dense_smooth, unit
@@ -36,7 +37,7 @@ def swinging(frames=80, joints=3, swing=1.0, noise=0.02, dtype=np.float64, seed=
     vectors = swing * np.sin(phase)[..., None] * axes + noise * rng.standard_normal(
         (frames, joints, 3)
     )
-    rotations = quaternion.exp(jnp.asarray(vectors, dtype))
+    rotations = jnp.asarray(quaternions_by(vectors, dtype))
     root = np.stack([t, 0.05 * np.sin(9 * t), 1.3 * t], -1)
     return jm.Motion.from_root(skeleton, root.astype(dtype), rotations, 1 / 24)
 

@@ -7,13 +7,14 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import jaxmotion as jm
-from jaxmotion import quaternion, time_warp
+from jaxmotion import time_warp
 from jaxmotion.layers.time_warp import _slowed, _source_times
 from tests.helpers import (
     angle_between,
     assert_same_rotation,
     check_gradients,
     no_shape_checks,
+    quaternions_by,
     random_motion,
     scipy_rotation,
 )
@@ -23,7 +24,7 @@ def turning(angles, fps=30.0, dtype=np.float64):
     """One joint at rest and one turning about y by these angles (radians)."""
     skeleton = jm.Skeleton(["root", "arm"], [-1, 0], np.array([[0.0, 0, 0], [1, 0, 0]], dtype))
     turns = np.stack([np.zeros_like(angles), angles], axis=1)[..., None] * np.array([0.0, 1, 0])
-    rotations = np.asarray(quaternion.exp(turns)).astype(dtype)
+    rotations = quaternions_by(turns, dtype)
     return jm.Motion.from_root(skeleton, np.zeros((len(angles), 3), dtype), rotations, 1 / fps)
 
 

@@ -5,6 +5,7 @@ import pytest
 
 import jaxmotion as jm
 from jaxmotion.metrics.checks import KINDS, find_problems
+from tests.helpers import quaternions_by
 
 
 def swinging(frames=60, fps=60.0, channels=None):
@@ -18,7 +19,7 @@ def swinging(frames=60, fps=60.0, channels=None):
     t = np.arange(frames)[:, None, None] / fps
     vectors = 0.5 * np.sin(4 * t + np.arange(9).reshape(3, 3))
     root = np.stack([t[:, 0, 0], 9 + 0 * t[:, 0, 0], 2 * t[:, 0, 0]], -1)
-    return jm.Motion.from_root(skeleton, root, jm.quaternion.exp(vectors), 1 / fps)
+    return jm.Motion.from_root(skeleton, root, quaternions_by(vectors), 1 / fps)
 
 
 def changed(motion, change):

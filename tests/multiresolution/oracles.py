@@ -5,6 +5,7 @@ from scipy.interpolate import BarycentricInterpolator
 from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
+from tests.helpers import quaternions_by
 
 
 def swaying(frames, joints=3, seed=0, dtype=np.float64, moving=False):
@@ -22,7 +23,7 @@ def swaying(frames, joints=3, seed=0, dtype=np.float64, moving=False):
         list(range(-1, joints - 1)),
         rng.standard_normal((joints, 3)).astype(dtype),
     )
-    q = np.asarray(jm.quaternion.exp(v)).astype(dtype)
+    q = quaternions_by(v, dtype)
     if moving:
         return jm.Motion(skeleton, p.astype(dtype), q, 1 / 30)
     return jm.Motion.from_root(skeleton, p[:, 0].astype(dtype), q, 1 / 30)

@@ -9,7 +9,13 @@ import jaxmotion as jm
 from jaxmotion import quaternion
 from jaxmotion.timing import align, dtw
 from jaxmotion.timing.align import _source_times
-from tests.helpers import angle_between, assert_same_rotation, no_shape_checks, random_motion
+from tests.helpers import (
+    angle_between,
+    assert_same_rotation,
+    no_shape_checks,
+    quaternions_by,
+    random_motion,
+)
 
 
 def waving(times, fps=30.0, dtype=np.float64, bigger=1.0, seed=0):
@@ -22,8 +28,7 @@ def waving(times, fps=30.0, dtype=np.float64, bigger=1.0, seed=0):
     )
     skeleton = jm.Skeleton(["Hips", "Arm", "Hand"], [-1, 0, 1], np.ones((3, 3), dtype))
     root = np.stack([3 * np.ravel(t), 0 * np.ravel(t), 0 * np.ravel(t)], axis=1).astype(dtype)
-    rotations = np.asarray(quaternion.exp(turns)).astype(dtype)
-    return jm.Motion.from_root(skeleton, root, rotations, 1 / fps)
+    return jm.Motion.from_root(skeleton, root, quaternions_by(turns, dtype), 1 / fps)
 
 
 TIMES = np.linspace(0, 4, 81)
@@ -49,7 +54,7 @@ def test_a_known_warp_is_undone(method, dtype):
 
 def test_warping_looks_past_another_posture():
     source, reference = waving(TIMES, bigger=1.3), waving(WARPED)
-    bent = quaternion.multiply(source.rotations, quaternion.exp(np.array([0.8, 0, 0])))
+    bent = quaternion.multiply(source.rotations, quaternions_by([0.8, 0, 0]))
     source = source.with_transforms(rotations=bent)
     off = {
         method: np.abs(align(source, reference, method=method).source_frame / 20 - WARPED).mean()
@@ -62,7 +67,7 @@ def test_the_path_is_dtw_s_without_the_root():
     rng = np.random.default_rng(1)
     source, reference = waving(TIMES[:20]), waving(WARPED[:24])
     turned = source.with_transforms(
-        rotations=source.rotations.at[:, 0].set(quaternion.exp(rng.standard_normal((20, 3))))
+        rotations=source.rotations.at[:, 0].set(quaternions_by(rng.standard_normal((20, 3))))
     )
     want = dtw(source.rotations[:, 1:], reference.rotations[:, 1:], metric="pose")
     for clip in (source, turned):

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 import jaxmotion as jm
-from jaxmotion import quaternion, resample
+from jaxmotion import resample
 from jaxmotion.timing import resample as resample_of_the_room
 from jaxmotion.timing.resample import _curve, _read
 from tests.helpers import (
@@ -18,6 +18,7 @@ from tests.helpers import (
     assert_same_rotation,
     check_gradients,
     no_shape_checks,
+    quaternions_by,
     random_motion,
     random_skeleton,
     scipy_rotation,
@@ -36,7 +37,7 @@ def smooth_motion_at(times, fps, dtype=np.float64, joints=4):
         a * np.sin(2 * np.pi * f * t + p) for a, f, p in zip(size, (0.5, 1.5), phase, strict=True)
     )
     root = np.concatenate([np.sin(t[:, 0]), 1 + 0 * t[:, 0], 2 * t[:, 0]], axis=1)
-    rotations = np.asarray(quaternion.exp(turns)).astype(dtype)
+    rotations = quaternions_by(turns, dtype)
     return jm.Motion.from_root(skeleton, root.astype(dtype), rotations, 1 / fps)
 
 
@@ -47,7 +48,7 @@ def clip(frames, fps, **options):
 def keys_of_a_turn(gap, steps=(60, 60), seed=0):
     """One joint turning about AXIS, steps before and after a gap (degrees); signs at random."""
     angles = np.radians(np.cumsum([0, *steps, gap, *steps]))
-    q = np.asarray(quaternion.exp(angles[:, None, None] * AXIS))
+    q = quaternions_by(angles[:, None, None] * AXIS)
     q = q * np.random.default_rng(seed).choice([-1.0, 1.0], (len(angles), 1, 1))
     skeleton = jm.Skeleton(["joint"], [-1], np.zeros((1, 3)))
     return jm.Motion.from_root(skeleton, np.zeros((len(angles), 3)), q, 1 / 24)
