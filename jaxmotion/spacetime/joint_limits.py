@@ -12,8 +12,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._portable import Portable
@@ -53,9 +52,9 @@ class JointLimits(Portable):
         v = self.turns(rotations)
         return jnp.maximum(v - self.upper, 0) - jnp.maximum(self.lower - v, 0)
 
-    def of(self, joints: Sequence[int]) -> "JointLimits":
+    def of(self, joints: Sequence[int] | Int[Array, " some"]) -> "JointLimits":
         """The limits of some joints, in that order."""
-        rows = np.asarray(joints, int)
+        rows = jnp.asarray(joints, int)
         return JointLimits(self.lower[rows], self.upper[rows], self.centre[rows])
 
     def astype(self, dtype) -> "JointLimits":
