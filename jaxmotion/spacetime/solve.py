@@ -64,12 +64,17 @@ _STEPS = {"gauss_newton": 64, "hierarchical": 0, "bounds": 2000}
 
 
 class Weights(eqx.Module):
-    """What counts how much; numbers or traced scalars.
+    """What counts how much; numbers or traced scalars, not negative, ``size`` and
+    ``bend`` positive.
 
-    ``position``, ``floor``: of a miss by one limb's length; ``limits``: of one radian beyond;
-    ``size``: of turning one joint by one radian in one frame; ``bend``: of accelerating that turn
-    by one rad/s^2, its unit s^4: (bend/size)^(1/4) is the time in which a change fades in and out;
-    ``root``: how much more moving the root (by one limb's length) or turning it counts.
+    **Fields:**
+
+    - ``position``, ``floor``: of a miss by one limb's length (the mean of the points' limbs);
+      ``limits``: of one radian beyond; no unit.
+    - ``size``: of turning one joint by one radian in one frame; no unit.
+    - ``bend``: of accelerating that turn by one rad/s^2; s^4. (bend/size)^(1/4) is the time in
+      which a change fades in and out, seconds.
+    - ``root``: how much more moving the root (by one limb's length) or turning it counts; no unit.
     """
 
     position: ScalarLike = 1.0
@@ -117,18 +122,21 @@ def satisfy(
 ) -> tuple[Motion, Report]:
     """The motion, moved so that it keeps its contacts.
 
-    **Arguments:** ``motion``: T frames; ``contacts``: T frames, C points, C = 0 allowed;
-    ``joint_limits``: of all joints; ``floor``: a height no contact point shall be below;
-    ``weights``: :class:`Weights`; ``ramp``: seconds over which a contact's pull comes and goes,
-    before and after it (the module says why none by default); ``tolerance``: radians, the iteration
-    stops after a step shorter than that; ``max_steps``: 64 by default, and 2000 of L-BFGS-B for
-    "bounds"; ``throw``: whether not coming to rest in them is an error (else look at ``converged``
-    of the report).
+    **Arguments:** ``motion``: T frames, J joints; ``contacts``: T frames, C points, C = 0 allowed,
+    targets in the motion's unit; ``joint_limits``: of all J joints, radians; ``floor``: a height,
+    file unit, no contact point shall be below; ``weights``: :class:`Weights`; ``ramp``: seconds
+    over which a contact's pull comes and goes, before and after it (the module says why none by
+    default); ``method``: the module's three ways; ``tolerance``: radians, the iteration stops after
+    a step shorter than that; ``max_steps``: 64 by default, and 2000 of L-BFGS-B for "bounds";
+    ``throw``: whether not coming to rest in them is an error (else look at ``converged`` of the
+    report).
     **Returns:** the motion (joints that nothing is asked of bit for bit as they were) and a
     :class:`Report`. Differentiable in motion, targets, limits, floor and weights, in both modes,
     but for "bounds", whose differentiation is an error.
     **Raises:** ``ValueError`` for shapes and options that do not fit; at run time for targets in
     contact, or a motion, that are not finite, and as ``throw`` says.
+
+    Source: Gleicher 1998; Lee and Shin 1999 for "hierarchical"; Byrd et al. 1995 for "bounds".
     """
     one_of("satisfy: method", method, _STEPS)
     if motion.rotations.ndim != 3:
