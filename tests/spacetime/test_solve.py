@@ -46,8 +46,8 @@ def givens(motion, contacts):
         "target": contacts.target,
         "lower": limits.lower,
         "upper": limits.upper,
-        "floor": jnp.asarray(FLOOR),
-        "size": jnp.asarray(WEIGHTS.size),
+        "floor": jnp.asarray(FLOOR, float),
+        "size": jnp.asarray(WEIGHTS.size, float),
     }
 
 
