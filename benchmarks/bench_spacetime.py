@@ -16,6 +16,8 @@ from jaxmotion import Motion, Skeleton
 from jaxmotion.contacts import ContactPoints, Contacts, replant
 from jaxmotion.spacetime import Weights, satisfy, solve
 from jaxmotion.spacetime.gauss_newton import cost
+from jaxmotion.spacetime.prior import Prior
+from jaxmotion.spacetime.terms.contacts import contact_term
 
 
 def body(joints: int, limbs: int):
@@ -57,11 +59,13 @@ def scene(frames: int, joints: int, limbs: int):
 
 def same_cost(motion, contacts, weights: Weights):
     """The cost that ``satisfy`` minimises, for the peer: (function of z, shape of z)."""
-    active = solve.active_joints(motion.skeleton.parents, contacts.joints)
-    typed = Weights(**{name: jnp.asarray(x, motion.dtype) for name, x in vars(weights).items()})
-    problem = solve._pose(
-        motion, contacts, contacts.target, active, None, None, typed, jnp.asarray(RAMP)
+    size, bend, root, position = (
+        jnp.asarray(x, motion.dtype)
+        for x in (weights.size, weights.bend, weights.root, weights.position)
     )
+    term = contact_term(motion, contacts, contacts.target, position, jnp.asarray(RAMP))
+    prior = Prior(size, bend / motion.frame_time**4)
+    problem = solve.problem_of(motion, contacts.points, [term], prior, root)
     value_and_grad = jax.jit(jax.value_and_grad(lambda z: cost(z, problem)))
     return value_and_grad, problem.still.shape
 

@@ -18,7 +18,7 @@ independent problems: no residual may mix two of them, and they share the probes
 
 - ``optimistix.GaussNewton`` takes any step, also one uphill, and builds its system anew each time;
   both stop on the change of every single residual, which in float32 and for stiff priors never
-  falls below a tolerance fixed beforehand;
+  falls below a tolerance fixed beforehand (ours: :mod:`jaxmotion.linalg.newton`);
 - ``optimistix.LevenbergMarquardt`` keeps its step size in JAX's default dtype, and so raises on
   float32 unknowns while 64-bit is on.
 
@@ -45,6 +45,7 @@ from jaxmotion.linalg.block_banded import (
     block_banded_factor,
     block_banded_substitute,
 )
+from jaxmotion.linalg.newton import DescendingNewton, silent
 
 
 def probe_blocks(
@@ -78,9 +79,11 @@ _REUSE = 0.25  # a factor is kept while steps shrink at least this fast
 class BlockBandedCholesky(lineax.AbstractLinearSolver[BlockBandedFactor]):
     """Solve with a symmetric positive definite, block-banded operator on ``(T, d, *lanes)``.
 
-    bandwidth: w, the most frames two coupled unknowns are apart; entries further off are not seen.
     The operator is only ever multiplied with. The result is ``lineax.RESULTS.singular`` when it is
     not positive definite. For a tall J use ``lineax.Normal(BlockBandedCholesky(w))``.
+
+    **Arguments:** ``bandwidth``: w, the most frames two coupled unknowns are apart; entries further
+    off are not seen.
     """
 
     bandwidth: int = 1
@@ -164,64 +167,13 @@ class ReusedNewton(optimistix.AbstractDescent):
         return -step_size * state.step, state.result
 
 
-class _DecreaseState(eqx.Module):
-    step_size: Float[Array, ""]
-    moved: Float[Array, ""]
-    finished: Bool[Array, ""]
-
-
-class Decrease(optimistix.AbstractSearch):
-    """Full steps; halved while they raise the cost by more than its rounding error.
-
-    Finished after a step shorter than ``atol + rtol * norm(y)``, or shorter than 16 times that when
-    steps stop shrinking and the cost cannot tell the iterates apart: no more digits are to be had.
-    """
-
-    rtol: float
-    atol: float
-    norm: Callable[[PyTree], Array]
-
-    def init(self, y: Array, f_info_struct: optimistix.FunctionInfo) -> _DecreaseState:
-        del f_info_struct
-        one, far = jnp.ones((), y.dtype), jnp.full((), jnp.inf, y.dtype)
-        return _DecreaseState(one, far, jnp.asarray(False))
-
-    def step(
-        self,
-        first_step: Bool[Array, ""],
-        y: Array,
-        y_eval: Array,
-        f_info: optimistix.FunctionInfo,
-        f_eval_info: optimistix.FunctionInfo,
-        state: _DecreaseState,
-    ) -> tuple[Array, Bool[Array, ""], optimistix.RESULTS, _DecreaseState]:
-        cost, cost_eval = f_info.as_min(), f_eval_info.as_min()
-        moved = self.norm(y_eval - y)
-        rounding = 8 * float(jnp.finfo(cost.dtype).eps) * cost
-        accept = first_step | (cost_eval <= cost + rounding)
-        enough = self.atol + self.rtol * self.norm(y_eval)
-        level = jnp.abs(cost_eval - cost) <= rounding
-        stalled = level & (moved > 0.5 * state.moved) & (moved <= 16 * enough)
-        finished = ~first_step & ((moved <= enough) | stalled)
-        step_size = jnp.where(accept, jnp.ones_like(state.step_size), 0.5 * state.step_size)
-        moved = jnp.where(first_step, state.moved, moved)
-        state = _DecreaseState(step_size, moved, finished)
-        return step_size, accept, optimistix.RESULTS.successful, state
-
-
-class GaussNewton(optimistix.AbstractGaussNewton):
+class GaussNewton(DescendingNewton):
     """Gauss-Newton on ``y (T, d, *lanes)`` that never goes uphill and stops by its steps' length.
 
-    rtol, atol: stop after a step whose ``norm`` is below ``atol + rtol * norm(y)``.
-    bandwidth: w, how many frames apart two unknowns of one residual may be.
+    **Arguments:** ``rtol``, ``atol``: stop after a step whose ``norm``, by default its largest
+    component, is below ``atol + rtol * norm(y)``; ``bandwidth``: w, how many frames apart two
+    unknowns of one residual may be.
     """
-
-    rtol: float
-    atol: float
-    norm: Callable[[PyTree], Array]
-    descent: ReusedNewton
-    search: Decrease
-    verbose: Callable[..., None]
 
     def __init__(
         self,
@@ -230,14 +182,7 @@ class GaussNewton(optimistix.AbstractGaussNewton):
         bandwidth: int = 1,
         norm: Callable[[PyTree], Array] = optimistix.max_norm,
     ):
-        self.rtol, self.atol, self.norm = rtol, atol, norm
-        self.descent = ReusedNewton(BlockBandedCholesky(bandwidth), norm)
-        self.search = Decrease(rtol, atol, norm)
-        self.verbose = _silent
-
-    def terminate(self, fn, y, args, options, state, tags):
-        del fn, y, args, options, tags
-        return state.search_state.finished, state.result
+        super().__init__(ReusedNewton(BlockBandedCholesky(bandwidth), norm), rtol, atol, norm)
 
 
 class _TrustRegion(optimistix.ClassicalTrustRegion):
@@ -250,8 +195,10 @@ class _TrustRegion(optimistix.ClassicalTrustRegion):
 class LevenbergMarquardt(optimistix.AbstractGaussNewton):
     """``optimistix.LevenbergMarquardt`` for any floating dtype, on the normal equations.
 
-    Arguments as :class:`GaussNewton`; it stops as optimistix does, when neither y nor any residual
-    changes by more than the tolerances.
+    It stops as optimistix does, when neither y nor any residual changes by more than the
+    tolerances.
+
+    **Arguments:** ``rtol``, ``atol``, ``bandwidth``, ``norm``: as those of :class:`GaussNewton`.
     """
 
     rtol: float
@@ -272,8 +219,4 @@ class LevenbergMarquardt(optimistix.AbstractGaussNewton):
         solver = lineax.Normal(BlockBandedCholesky(bandwidth))
         self.descent = optimistix.DampedNewtonDescent(linear_solver=solver)
         self.search = _TrustRegion()
-        self.verbose = _silent
-
-
-def _silent(**kwargs):
-    del kwargs
+        self.verbose = silent

@@ -8,9 +8,9 @@ from jaxmotion.spacetime.keeping import ConvergenceWarning, keep_contacts, resto
 
 if TYPE_CHECKING:
     from jaxmotion.spacetime.solve import Report, Weights, satisfy
-
-# optimistix takes a third of a second to import.
-__getattr__ = loader(__name__, dict.fromkeys(("Report", "Weights", "satisfy"), "solve"))
+else:  # hidden from type checkers, to which it would make every name one of this module
+    # optimistix takes a third of a second to import.
+    __getattr__ = loader(__name__, dict.fromkeys(("Report", "Weights", "satisfy"), "solve"))
 
 __all__ = [
     "ConvergenceWarning",

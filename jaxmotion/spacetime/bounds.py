@@ -1,6 +1,6 @@
 """Joint limits as bounds that are never crossed: L-BFGS-B on the limits' own coordinates.
 
-    minimise E over x,   lower <= x <= upper        E: rows and prior of a Problem, without limits
+    minimise E over x,   lower <= x <= upper        E: rows and prior of a Problem, without the box
     x = (root displacement, v_j),   q_j = c_j exp(v_j),   delta_j = log(q0_j^-1 q_j)
 
 v_j: a joint's turn about its limits' centre c_j, so that limits are a box; joints without limits
@@ -18,20 +18,32 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion.spacetime.gauss_newton import cost
+from jaxmotion.spacetime.joint_limits import JointLimits
 from jaxmotion.spacetime.problem import Problem
 
 
+def boxed(problem: Problem) -> tuple[JointLimits | None, Problem]:
+    """The box of the first term that is one, and the problem without that term."""
+    for k, term in enumerate(problem.terms):
+        if term.box is not None:
+            others = problem.terms[:k] + problem.terms[k + 1 :]
+            return term.box, eqx.tree_at(lambda p: p.terms, problem, others)
+    return None, problem
+
+
 def bounded(
-    problem: Problem, z: Float[Array, "time d"], tolerance: float, max_steps: int
+    problem: Problem,
+    limits: JointLimits,
+    z: Float[Array, "time d"],
+    tolerance: float,
+    max_steps: int,
 ) -> tuple[Float[Array, "time d"], Int[Array, ""], Bool[Array, ""]]:
-    """(z, iterations, whether it converged), from the start ``z``; needs ``problem.limits``.
+    """(z, iterations, whether it converged), from the start ``z``, within the limits.
 
     ``tolerance``: largest component of the projected gradient.
     """
-    problem, z = eqxi.nondifferentiable((problem, z), name='satisfy(method="bounds")')
-    limits = problem.limits
-    assert limits is not None
-    free = eqx.tree_at(lambda p: p.limits, problem, None)
+    call = 'satisfy(method="bounds")'
+    problem, limits, z = eqxi.nondifferentiable((problem, limits, z), name=call)
     start = problem.start.rotations
     limited = jnp.any(jnp.isfinite(limits.lower) | jnp.isfinite(limits.upper), axis=-1)
     centre = jnp.where(limited[:, None], limits.centre, start)
@@ -48,7 +60,7 @@ def bounded(
     first = about.displacement(problem.motion(z)) / problem.stiffness
     first = jnp.clip(first, *sides)
     solver = _jaxopt().LBFGSB(
-        fun=lambda x: cost(displacement(x), free), maxiter=max_steps, tol=tolerance
+        fun=lambda x: cost(displacement(x), problem), maxiter=max_steps, tol=tolerance
     )
     x, state = solver.run(first, bounds=sides)
     return displacement(x), state.iter_num, state.error <= tolerance

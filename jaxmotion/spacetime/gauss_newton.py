@@ -13,13 +13,12 @@ removes anyway, and is indefinite until all but nothing is left of it.) Conjugat
 as preconditioner take a few products with H; where they meet a direction of negative curvature the
 step of M stands.
 
-optimistix runs the iteration and :class:`~jaxmotion.linalg.least_squares.Decrease` never lets it go
-uphill. Derivatives are those of the stationary point, by conjugate gradients on the exact Hessian.
+optimistix runs the iteration, and :mod:`jaxmotion.linalg.newton` never lets it go uphill.
+Derivatives are those of the stationary point, by conjugate gradients on the exact Hessian.
 
 Cost O(T d^2 r) a step for r rows on d unknowns a frame; 6 to 45 steps where targets can be met.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -29,7 +28,7 @@ import optimistix
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmotion.linalg.least_squares import Decrease
+from jaxmotion.linalg.newton import DescendingNewton
 from jaxmotion.spacetime.low_rank import LowRankFactor, low_rank_factor
 from jaxmotion.spacetime.prior import Walk, random_walk
 from jaxmotion.spacetime.problem import Problem
@@ -138,31 +137,6 @@ def _second_order(
     return jnp.where(bent | uphill, first, x)
 
 
-class _GaussNewton(optimistix.AbstractGaussNewton):
-    rtol: float
-    atol: float
-    norm: Callable[[Any], Array]
-    descent: _Step
-    search: Decrease
-    verbose: Callable[..., None]
-
-    def __init__(self, problem: Problem, tolerance: float):
-        self.rtol, self.atol, self.norm = 0.0, tolerance, optimistix.max_norm
-        self.descent = _Step(problem, random_walk(problem.prior, problem.start.num_frames))
-        self.search = Decrease(self.rtol, self.atol, self.norm)
-        self.verbose = _silent
-
-    def terminate(self, fn, y, args, options, state, tags):
-        del fn, y, args, options, tags
-        finished, fine = state.search_state.finished, optimistix.RESULTS.successful
-        # Once at rest it does not matter whether another step could be made.
-        return finished, optimistix.RESULTS.where(finished, fine, state.result)  # pyright: ignore
-
-
-def _silent(**kwargs):
-    del kwargs
-
-
 def gauss_newton(
     problem: Problem, tolerance: float, max_steps: int
 ) -> tuple[Float[Array, "time d"], Int[Array, ""], Bool[Array, ""]]:
@@ -171,10 +145,11 @@ def gauss_newton(
     ``tolerance``: stop after a step with no component longer than this.
     """
     frozen = jax.tree.map(lax.stop_gradient, problem)
+    step = _Step(frozen, random_walk(frozen.prior, frozen.start.num_frames))
     found = optimistix.least_squares(
         _residuals,
-        _GaussNewton(frozen, tolerance),
-        frozen.still,
+        DescendingNewton(step, 0.0, tolerance),
+        frozen.unmoved,
         frozen,
         max_steps=max_steps,
         throw=False,

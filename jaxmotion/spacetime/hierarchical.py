@@ -6,10 +6,11 @@
         q_t   <- q_t exp(sum_k B_k(t) phi_k)          levels are composed, not summed
 
 d_t: damped least squares with a damping per frame (Levenberg and Marquardt), from the pose so far;
-B_k: uniform cubic B-splines; w_t: the firmest contact of frame t, ramps included (1 where limits or
-a floor are kept, which any frame may break). A spline takes only the smooth part of what is missing
-and leaves the rest to finer levels. Source: Lee and Shin, *A hierarchical approach to interactive
-motion editing for human-like figures* (1999); the fit is Lee, Wolberg and Shin's (1997).
+B_k: uniform cubic B-splines; w_t: the firmest weight of frame t, contacts' ramps included (1 where
+limits or a floor are kept, which any frame may break). A spline takes only the smooth part of what
+is missing and leaves the rest to finer levels. Source: Lee and Shin, *A hierarchical approach to
+interactive motion editing for human-like figures* (1999); the fit is Lee, Wolberg and Shin's
+(1997).
 
 Cost O(T d r^2) a level for r rows on d unknowns, log2(T) + 5 levels. Derivatives are those of the
 steps taken.
@@ -34,11 +35,7 @@ def hierarchical(
     problem: Problem,
 ) -> tuple[Float[Array, "time d"], Int[Array, ""], Bool[Array, ""]]:
     """(z, levels, True): the displacement as one, and how many levels it took."""
-    weight = jnp.ones_like(problem.still[:, 0])
-    if problem.floor is None and problem.limits is None:
-        firmest = jnp.max(problem.pull, axis=1, initial=0) ** 2
-        weight = firmest / jnp.maximum(jnp.max(firmest), jnp.finfo(firmest.dtype).tiny)
-    frames = problem.start.num_frames
+    weight, frames = _weight(problem), problem.start.num_frames
     depth = max(0, math.ceil(math.log2(frames)))
     spacings = np.maximum(frames / 2.0 ** np.arange(depth + _LAST_LEVELS), 1.0)
 
@@ -52,6 +49,16 @@ def hierarchical(
     clip, _ = lax.scan(level, start, jnp.asarray(spacings, problem.start.dtype))
     z = problem.displacement(problem.start.with_transforms(*clip))
     return z, jnp.asarray(len(spacings), jnp.int32), jnp.asarray(True)
+
+
+def _weight(problem: Problem) -> Float[Array, " time"]:
+    """w_t."""
+    firmest = jnp.zeros_like(problem.unmoved[:, 0])
+    for term in problem.terms:
+        if term.firmness is None:
+            return jnp.ones_like(firmest)
+        firmest = jnp.maximum(firmest, term.firmness)
+    return firmest / jnp.maximum(jnp.max(firmest), jnp.finfo(firmest.dtype).tiny)
 
 
 def _pose(problem: Problem) -> Float[Array, "time d"]:
@@ -72,9 +79,9 @@ def _pose(problem: Problem) -> Float[Array, "time d"]:
         )
         return (z, rows, jacobian, damping * jnp.where(better, 0.3, 8.0).astype(z.dtype)), None
 
-    still = problem.still
-    damping = jnp.broadcast_to(problem.prior.size, still.shape[:1])
-    state = (still, *problem.linearized(still), damping)
+    unmoved = problem.unmoved
+    damping = jnp.broadcast_to(problem.prior.size, unmoved.shape[:1])
+    state = (unmoved, *problem.linearized(unmoved), damping)
     return lax.scan(step, state, None, length=_POSE_STEPS)[0][0]
 
 

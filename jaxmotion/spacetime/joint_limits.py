@@ -12,8 +12,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._portable import Portable
@@ -22,8 +21,11 @@ from jaxmotion.motion import Motion
 
 
 class JointLimits(Portable):
-    """``lower`` and ``upper`` f[J, 3] in radians about ``centre`` f[J, 4] (unit).
+    """A box about a resting rotation for each joint's turn.
 
+    **Arguments:** ``lower``, ``upper``: f[J, 3], radians, of the turn's rotation vector, +-infinity
+    for no limit; ``centre``: f[J, 4], unit quaternions, the resting rotations, the identity by
+    default.
     **Raises:** ``ValueError`` for shapes that do not fit.
     """
 
@@ -53,9 +55,9 @@ class JointLimits(Portable):
         v = self.turns(rotations)
         return jnp.maximum(v - self.upper, 0) - jnp.maximum(self.lower - v, 0)
 
-    def of(self, joints: Sequence[int]) -> "JointLimits":
+    def of(self, joints: Sequence[int] | Int[Array, " some"]) -> "JointLimits":
         """The limits of some joints, in that order."""
-        rows = np.asarray(joints, int)
+        rows = jnp.asarray(joints, int)
         return JointLimits(self.lower[rows], self.upper[rows], self.centre[rows])
 
     def astype(self, dtype) -> "JointLimits":
@@ -71,7 +73,7 @@ def learn_limits(
     **Arguments:** ``motions``: one or more clips, J joints each; ``margin``: radians added on every
     side; ``coverage``: share of the frames that the box holds in each component, in (0, 1], less
     than 1 to leave outliers out.
-    **Returns:** :class:`JointLimits`, the root's infinite.
+    **Returns:** :class:`JointLimits` of J joints, the root's infinite.
     **Raises:** ``ValueError`` for no clips, clips of different skeletons, a bad coverage.
     """
     clips = [motions] if isinstance(motions, Motion) else list(motions)

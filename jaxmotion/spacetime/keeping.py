@@ -34,7 +34,7 @@ _SIZE, _ROOT = 1.25e-7, 8.0
 
 
 class ConvergenceWarning(UserWarning):
-    """The iteration had not come to rest when its steps were used up."""
+    """The iteration of :func:`keep_contacts` had not come to rest when its steps were used up."""
 
 
 def keep_contacts(
@@ -47,12 +47,14 @@ def keep_contacts(
     """The edit with the contacts of the original.
 
     **Arguments:** ``edit``, ``original``: T frames each, of one skeleton; ``contacts``: those to
-    keep, or True to find them on the original (outside of ``jit`` and ``vmap``), or False for
-    none; ``length``: number of frames that count, the first ones, for padded clips.
+    keep, T frames, or True to find them on the original (outside of ``jit`` and ``vmap``), or False
+    for none; ``length``: number of frames that count, the first ones, for padded clips.
     **Returns:** a motion of the edit's shape. Differentiable in the edit and the targets.
     **Raises:** ``ValueError`` for clips or contacts of different lengths, or traced clips without
     contacts. **Warns:** :class:`ConvergenceWarning`, outside of ``jit`` and ``vmap``, where the
     steps did not come to rest; :func:`restore` tells it inside too.
+
+    Source: Eom, Choi and Noh 2019, section 4.3.
     """
     if isinstance(contacts, bool):
         if not contacts:
@@ -78,9 +80,14 @@ def restore(
 ) -> "tuple[Motion, Report]":
     """:func:`~jaxmotion.spacetime.satisfy` with targets that the feet can meet.
 
-    **Arguments:** ``contacts``: found on the motion, or on what it was edited from; ``weights``: by
-    default those of a change that fades in 0.2 s; the others as :func:`keep_contacts` and
-    ``satisfy``. **Returns:** as ``satisfy``.
+    **Arguments:** ``motion``: T frames; ``contacts``: T frames, found on the motion or on what it
+    was edited from, targets in its unit; ``weights``: by default those of a change that fades in
+    0.2 s; ``length``: as :func:`keep_contacts`.
+    **Returns:** the motion and a :class:`~jaxmotion.spacetime.Report`. Differentiable in motion,
+    targets and weights.
+    **Raises:** as ``satisfy``; ``ValueError`` for a length that is no number of the clip's frames.
+
+    Source: Eom, Choi and Noh 2019, Eq. 18.
     """
     if weights is None:
         weights = spacetime.Weights(size=_SIZE, bend=_SIZE * _FADE**4, root=_ROOT)

@@ -61,10 +61,10 @@ class LowRankFactor(eqx.Module):
             v = (1 - drag) * v - spring * x
             return (x + v, v), white
 
-        still = jnp.zeros_like(self.rows[0, 0])
+        nothing = jnp.zeros_like(self.rows[0, 0])
         walk = self.walk
         inputs = (seen, self.rows, *self.gains, self.roots, walk.spring, walk.drag)
-        return lax.scan(frame, (still, still), inputs)[1]
+        return lax.scan(frame, (nothing, nothing), inputs)[1]
 
 
 def low_rank_factor(walk: Walk, rows: Float[Array, "time row d"]) -> LowRankFactor:

@@ -50,7 +50,7 @@ class Walk(eqx.Module):
 
     def draw(self, noise: Float[Array, "time channel"]) -> Float[Array, "time channel"]:
         """W: positions from the noise of each frame."""
-        still = jnp.zeros_like(noise[0])
+        nothing = jnp.zeros_like(noise[0])
 
         def frame(state, inputs):
             (x, v), (spring, drag, noise) = state, inputs
@@ -59,7 +59,7 @@ class Walk(eqx.Module):
 
         # The first frame is placed by its noise, without a step.
         inputs = self.spring[:-1], self.drag[:-1], noise[1:]
-        _, after = lax.scan(frame, (noise[0], still), inputs)
+        _, after = lax.scan(frame, (noise[0], nothing), inputs)
         return jnp.concatenate([noise[:1], after])
 
     def solve(self, b: Float[Array, "time channel"]) -> Float[Array, "time channel"]:
@@ -87,9 +87,9 @@ def random_walk(prior: Prior, num_frames: int) -> Walk:
     last = (d, jnp.zeros_like(d), jnp.zeros_like(d))
     free = jnp.arange(num_frames - 1) == 0
     (first, _, _), (spring, drag, variance) = lax.scan(back, last, free, reverse=True)
-    still = jnp.zeros_like(d)[None]
+    nothing = jnp.zeros_like(d)[None]
     return Walk(
-        jnp.concatenate([spring, still]),
-        jnp.concatenate([drag, still]),
+        jnp.concatenate([spring, nothing]),
+        jnp.concatenate([drag, nothing]),
         jnp.concatenate([(1 / first)[None], variance]),
     )

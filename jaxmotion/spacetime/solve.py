@@ -31,6 +31,7 @@ of reach, or that contradict each other, get the compromise of least squares, wh
 ``report.position_error`` shows. Contacts are held while ``mask`` is set; ``ramp`` lies outside.
 """
 
+from collections.abc import Sequence
 from typing import Literal
 
 import equinox as eqx
@@ -41,32 +42,39 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion._checks import one_of, poisoned, raise_faults
 from jaxmotion._file_facts import compiled
-from jaxmotion._numerics import safe_norm
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ScalarLike
-from jaxmotion.contacts import Contacts, limb_lengths
+from jaxmotion.contacts import ContactPoints, Contacts, limb_lengths
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, moved_as, origin_of
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
-from jaxmotion.spacetime.bounds import bounded
+from jaxmotion.spacetime.bounds import bounded, boxed
 from jaxmotion.spacetime.gauss_newton import cost, gauss_newton
-from jaxmotion.spacetime.goals import ramped_goals
 from jaxmotion.spacetime.hierarchical import hierarchical
 from jaxmotion.spacetime.joint_limits import JointLimits
 from jaxmotion.spacetime.prior import Prior
 from jaxmotion.spacetime.problem import Problem, active_joints, restrict
+from jaxmotion.spacetime.terms.contacts import contact_term
+from jaxmotion.spacetime.terms.floor import FloorTerm
+from jaxmotion.spacetime.terms.limits import LimitTerm
+from jaxmotion.spacetime.terms.term import Term
 
 _FIRM = 1e4
 _STEPS = {"gauss_newton": 64, "hierarchical": 0, "bounds": 2000}
 
 
 class Weights(eqx.Module):
-    """What counts how much; numbers or traced scalars.
+    """What counts how much; numbers or traced scalars, not negative, ``size`` and
+    ``bend`` positive.
 
-    ``position``, ``floor``: of a miss by one limb's length; ``limits``: of one radian beyond;
-    ``size``: of turning one joint by one radian in one frame; ``bend``: of accelerating that turn
-    by one rad/s^2, its unit s^4: (bend/size)^(1/4) is the time in which a change fades in and out;
-    ``root``: how much more moving the root (by one limb's length) or turning it counts.
+    **Fields:**
+
+    - ``position``, ``floor``: of a miss by one limb's length (the mean of the points' limbs);
+      ``limits``: of one radian beyond; no unit.
+    - ``size``: of turning one joint by one radian in one frame; no unit.
+    - ``bend``: of accelerating that turn by one rad/s^2; s^4. (bend/size)^(1/4) is the time in
+      which a change fades in and out, seconds.
+    - ``root``: how much more moving the root (by one limb's length) or turning it counts; no unit.
     """
 
     position: ScalarLike = 1.0
@@ -114,18 +122,21 @@ def satisfy(
 ) -> tuple[Motion, Report]:
     """The motion, moved so that it keeps its contacts.
 
-    **Arguments:** ``motion``: T frames; ``contacts``: T frames, C points, C = 0 allowed;
-    ``joint_limits``: of all joints; ``floor``: a height no contact point shall be below;
-    ``weights``: :class:`Weights`; ``ramp``: seconds over which a contact's pull comes and goes,
-    before and after it (the module says why none by default); ``tolerance``: radians, the iteration
-    stops after a step shorter than that; ``max_steps``: 64 by default, and 2000 of L-BFGS-B for
-    "bounds"; ``throw``: whether not coming to rest in them is an error (else look at ``converged``
-    of the report).
+    **Arguments:** ``motion``: T frames, J joints; ``contacts``: T frames, C points, C = 0 allowed,
+    targets in the motion's unit; ``joint_limits``: of all J joints, radians; ``floor``: a height,
+    file unit, no contact point shall be below; ``weights``: :class:`Weights`; ``ramp``: seconds
+    over which a contact's pull comes and goes, before and after it (the module says why none by
+    default); ``method``: the module's three ways; ``tolerance``: radians, the iteration stops after
+    a step shorter than that; ``max_steps``: 64 by default, and 2000 of L-BFGS-B for "bounds";
+    ``throw``: whether not coming to rest in them is an error (else look at ``converged`` of the
+    report).
     **Returns:** the motion (joints that nothing is asked of bit for bit as they were) and a
     :class:`Report`. Differentiable in motion, targets, limits, floor and weights, in both modes,
     but for "bounds", whose differentiation is an error.
     **Raises:** ``ValueError`` for shapes and options that do not fit; at run time for targets in
     contact, or a motion, that are not finite, and as ``throw`` says.
+
+    Source: Gleicher 1998; Lee and Shin 1999 for "hierarchical"; Byrd et al. 1995 for "bounds".
     """
     one_of("satisfy: method", method, _STEPS)
     if motion.rotations.ndim != 3:
@@ -178,79 +189,100 @@ def _satisfy(given, contacts, limits, floor, weights, ramp, method, tolerance, m
         (odd, "satisfy: the motion holds values that are not finite"),
     ]
     target = raise_faults(jnp.where(contacts.mask[..., None], target, 0), faults)
-    active = active_joints(motion.skeleton.parents, contacts.joints)
-    problem = _pose(motion, contacts, target, active, limits, floor, weights, ramp)
-    moved, solution = _solve(problem, method, tolerance, max_steps)
-    rotations = motion.rotations.at[:, np.asarray(active)].set(moved.rotations)
-    loose = tuple(j for j in range(motion.num_joints) if j not in active)
-    if limits is not None and loose:
-        turned, each = _solve_alone(motion, loose, limits, weights, method, tolerance, max_steps)
-        rotations = rotations.at[:, np.asarray(loose)].set(turned)
-        solution = _Solution(
-            solution.before + jnp.sum(each.before),
-            solution.after + jnp.sum(each.after),
-            jnp.maximum(solution.steps, jnp.max(each.steps)),
-            solution.converged & jnp.all(each.converged),
-        )
-    translations = motion.translations.at[:, 0].set(moved.translations[:, 0])
-    answer = motion.with_transforms(translations, rotations)
-    report = _report(answer, contacts, target, limits, floor, solution)
+    terms: list[Term] = []
+    if contacts.num_points:
+        terms.append(contact_term(motion, contacts, target, weights.position, ramp))
+        if floor is not None:
+            terms.append(FloorTerm(floor, jnp.sqrt(weights.floor)))
+    if limits is not None:
+        terms.append(LimitTerm(limits, jnp.sqrt(weights.limits)))
+    prior = Prior(weights.size, weights.bend / motion.frame_time**4)
+    how = method, tolerance, max_steps
+    answer, solution = meet(motion, contacts.points, terms, prior, weights.root, *how)
+    report = _report(answer, contacts.points, terms, solution)
     # Steps that are not finite are not taken: of a fault nothing is seen in the answer.
     return poisoned((moved_as(given, motion, answer), report), faults)
 
 
-class _Solution(eqx.Module):
+class Solution(eqx.Module):
+    """E before and after, iterations, and whether they came to rest."""
+
     before: Float[Array, ""]
     after: Float[Array, ""]
     steps: Int[Array, ""]
     converged: Bool[Array, ""]
 
 
-def _solve(problem: Problem, method, tolerance, max_steps) -> tuple[Motion, _Solution]:
+def meet(
+    motion: Motion,
+    points: ContactPoints,
+    terms: Sequence[Term],
+    prior: Prior,
+    root: Float[Array, ""],
+    *how,
+) -> tuple[Motion, Solution]:
+    """The clip moved so that it meets the terms. ``root``: as of :class:`Weights`; ``how``: method,
+    tolerance, most steps."""
+    active = active_joints(motion.skeleton.parents, points.joints)
+    moved, solution = _solve(problem_of(motion, points, terms, prior, root), *how)
+    rotations = motion.rotations.at[:, np.asarray(active)].set(moved.rotations)
+    loose = tuple(j for j in range(motion.num_joints) if j not in active)
+    alone = [term for term in terms if term.asks_each_joint]
+    if alone and loose:
+        turned, each = _solve_alone(motion, loose, alone, prior, *how)
+        rotations = rotations.at[:, np.asarray(loose)].set(turned)
+        solution = Solution(
+            solution.before + jnp.sum(each.before),
+            solution.after + jnp.sum(each.after),
+            jnp.maximum(solution.steps, jnp.max(each.steps)),
+            solution.converged & jnp.all(each.converged),
+        )
+    translations = motion.translations.at[:, 0].set(moved.translations[:, 0])
+    return motion.with_transforms(translations, rotations), solution
+
+
+def _solve(problem: Problem, method, tolerance, max_steps) -> tuple[Motion, Solution]:
     """The clip of the problem's joints, by one of the methods."""
-    if not problem.joints and problem.limits is None:  # nothing is asked
-        none = jnp.zeros((), problem.still.dtype)
-        return problem.start, _Solution(none, none, jnp.zeros((), jnp.int32), jnp.asarray(True))
+    if not problem.terms:
+        none = jnp.zeros((), problem.unmoved.dtype)
+        return problem.start, Solution(none, none, jnp.zeros((), jnp.int32), jnp.asarray(True))
     if method == "hierarchical":
         z, steps, converged = hierarchical(problem)
     else:
         most = min(max_steps, _STEPS["gauss_newton"]) if method == "bounds" else max_steps
         z, steps, converged = gauss_newton(problem, tolerance, most)
-        if method == "bounds" and problem.limits is not None:
-            z, steps, converged = bounded(problem, z, tolerance, max_steps)
-    before, after = jax.vmap(cost, (0, None))(jnp.stack([problem.still, z]), problem)
+    if method == "bounds":
+        box, free = boxed(problem)
+        if box is not None:
+            z, steps, converged = bounded(free, box, z, tolerance, max_steps)
+    before, after = jax.vmap(cost, (0, None))(jnp.stack([problem.unmoved, z]), problem)
     steps = steps.astype(jnp.int32)
-    return problem.motion(z), _Solution(before, after, steps, converged)
+    return problem.motion(z), Solution(before, after, steps, converged)
 
 
-def _pose(motion, contacts, target, active, limits, floor, weights, ramp) -> Problem:
+def problem_of(
+    motion: Motion,
+    points: ContactPoints,
+    terms: Sequence[Term],
+    prior: Prior,
+    root: Float[Array, ""],
+) -> Problem:
+    """What the terms ask of the joints above the points."""
+    active = active_joints(motion.skeleton.parents, points.joints)
     start = restrict(motion, active)
-    point = jnp.asarray(contacts.point, motion.dtype)
-    joints = tuple(active.index(j) for j in contacts.joints)
-    sizes = limb_lengths(motion, contacts.points)
-    length = jnp.mean(sizes) if contacts.num_points else jnp.ones((), motion.dtype)
-    length = jnp.where(length > 0, length, 1)
-    positions = contacts.points.positions(motion)
-    goal, weight = ramped_goals(positions, target, contacts.mask, motion.frame_time, ramp)
-    # sqrt has no slope at weight 0, where there is nothing to differentiate.
-    some = weight > 0
-    pull = jnp.where(some, jnp.sqrt(weights.position * jnp.where(some, weight, 1)), 0)
-    root = jnp.broadcast_to(jnp.sqrt(weights.root), (6,))
-    stiffness = jnp.concatenate([root, jnp.ones((3 * len(active) - 3,), motion.dtype)])
-    stiffness = stiffness.at[3:].multiply(jnp.repeat(_firmness(start), 3))
+    length = jnp.ones((), motion.dtype)
+    if points.num_points:
+        length = jnp.mean(limb_lengths(motion, points))
+    rooted = jnp.broadcast_to(jnp.sqrt(root), (6,))
+    stiffness = jnp.concatenate([rooted, jnp.ones((3 * len(active) - 3,), motion.dtype)])
     return Problem(
         start=start,
-        joints=joints,
-        point=point,
-        goal=goal,
-        pull=pull,
-        length=length,
-        stiffness=stiffness,
-        prior=Prior(weights.size, weights.bend / motion.frame_time**4),
-        floor=floor,
-        floor_pull=jnp.sqrt(weights.floor),
-        limits=None if limits is None else limits.of(active),
-        limit_pull=jnp.sqrt(weights.limits),
+        joints=tuple(active.index(j) for j in points.joints),
+        point=jnp.asarray(points.point, motion.dtype),
+        length=jnp.where(length > 0, length, 1),
+        stiffness=stiffness.at[3:].multiply(jnp.repeat(_firmness(start), 3)),
+        prior=prior,
+        terms=tuple(term.within(active) for term in terms),
     )
 
 
@@ -262,52 +294,44 @@ def _firmness(motion: Motion) -> Float[Array, " joint"]:
     return jnp.where(turned | ~jnp.any(turned), jnp.ones_like(firm), firm)
 
 
-def _solve_alone(motion, joints, limits, weights, *how) -> tuple[Array, _Solution]:
-    """Rotations of joints above no contact point, each kept within its limits by itself."""
-    part = limits.of(joints)
+def _solve_alone(motion, joints, terms, prior, *how) -> tuple[Array, Solution]:
+    """Rotations of joints above no point, each by itself as the terms ask."""
 
-    def one(q, lower, upper, centre):
-        own = JointLimits(lower[None], upper[None], centre[None])
-        moved, solution = _solve(_pose_alone(motion, q[:, None], own, weights), *how)
+    def one(q, joint):
+        own = tuple(term.within(joint[None]) for term in terms)
+        moved, solution = _solve(_pose_alone(motion, q[:, None], own, prior), *how)
         return moved.rotations[:, 0], solution
 
-    q = motion.rotations[:, np.asarray(joints)]
-    return jax.vmap(one, (1, 0, 0, 0), (1, 0))(q, part.lower, part.upper, part.centre)
+    rows = np.asarray(joints)
+    return jax.vmap(one, (1, 0), (1, 0))(motion.rotations[:, rows], jnp.asarray(rows))
 
 
-def _pose_alone(motion, q, limits, weights) -> Problem:
-    """One joint that only its limits ask something of."""
+def _pose_alone(motion, q, terms, prior) -> Problem:
+    """One joint that no point asks anything of."""
     dtype, frames = motion.dtype, motion.num_frames
     skeleton = Skeleton(["joint"], [-1], jnp.zeros((1, 3), dtype), up=motion.skeleton.up)
-    one = jnp.ones((), dtype)
     return Problem(
         start=Motion(skeleton, jnp.zeros((frames, 1, 3), dtype), q, motion.frame_time),
         joints=(),
         point=jnp.zeros((0, 3), dtype),
-        goal=jnp.zeros((frames, 0, 3), dtype),
-        pull=jnp.zeros((frames, 0), dtype),
-        length=one,
+        length=jnp.ones((), dtype),
         stiffness=jnp.ones((6,), dtype),
-        prior=Prior(weights.size, weights.bend / motion.frame_time**4),
-        floor=None,
-        floor_pull=one,
-        limits=limits,
-        limit_pull=jnp.sqrt(weights.limits),
+        prior=prior,
+        terms=terms,
     )
 
 
-def _report(answer, contacts, target, limits, floor, solution: _Solution) -> Report:
-    y = contacts.points.positions(answer)
-    error = safe_norm(y - target)
-    # A distance that is all rounding has no direction in which to grow.
-    rounding = 16 * float(jnp.finfo(y.dtype).eps) * jnp.max(jnp.abs(y), axis=-1)
-    error = jnp.where(contacts.mask & (error > rounding), error, 0)
-    depth = jnp.zeros_like(error)
-    if floor is not None:
-        depth = jnp.maximum(floor - y[..., answer.skeleton.up_axis], 0)
-    excess = jnp.zeros(answer.rotations.shape[:2], answer.dtype)
-    if limits is not None:
-        excess = safe_norm(limits.excess(answer.rotations))
+def _report(answer, points, terms, solution: Solution) -> Report:
+    y = points.positions(answer)
+    none = jnp.zeros(y.shape[:2], y.dtype)
+    nothing = jnp.zeros(answer.rotations.shape[:2], answer.dtype)
+    fields = {"position_error": none, "penetration": none, "limit_excess": nothing}
+    for term in terms:
+        fields |= term.report(answer, y)
     return Report(
-        error, depth, excess, solution.before, solution.after, solution.steps, solution.converged
+        **fields,
+        cost_before=solution.before,
+        cost=solution.after,
+        num_steps=solution.steps,
+        converged=solution.converged,
     )

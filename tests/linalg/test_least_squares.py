@@ -16,6 +16,7 @@ from jaxmotion.linalg.least_squares import (
     LevenbergMarquardt,
     probe_blocks,
 )
+from jaxmotion.linalg.newton import DescendingNewton
 
 
 def random_blocks(time, w, d, lanes, seed=0):
@@ -151,6 +152,34 @@ def test_gauss_newton_does_not_run_away_uphill():
     assert not jnp.allclose(optimistix.least_squares(fn, wild, start, throw=False).value, 1)
     safe = optimistix.least_squares(fn, GaussNewton(0.0, 1e-10, 0), start)
     np.testing.assert_allclose(safe.value, 1, atol=1e-9)
+
+
+class _Tenths(optimistix.AbstractDescent):
+    """Nine tenths of the way each time; from nearer than 0.005 it cannot make a step."""
+
+    def init(self, y, f_info_struct):
+        return y, optimistix.RESULTS.successful
+
+    def query(self, y, f_info, state):
+        fine, singular = optimistix.RESULTS.successful, optimistix.RESULTS.singular
+        far = jnp.max(jnp.abs(f_info.residual)) > 0.005
+        return 0.9 * f_info.residual, optimistix.RESULTS.where(far, fine, singular)
+
+    def step(self, step_size, state):
+        return -step_size * state[0], state[1]
+
+
+@pytest.mark.parametrize(("atol", "rest"), [(0.01, True), (0.001, False)])
+def test_at_rest_no_further_step_is_needed(atol, rest):
+    """Misses are 1, 0.1, 0.01 and 0.001, whence no step can be made: after one of 0.009."""
+    found = optimistix.least_squares(
+        lambda y, args: y - 3.0,
+        DescendingNewton(_Tenths(), 0.0, atol),
+        jnp.full((2, 1), 4.0),
+        throw=False,
+    )
+    np.testing.assert_allclose(found.value, 3.001, atol=1e-12)
+    assert found.result == (optimistix.RESULTS.successful if rest else optimistix.RESULTS.singular)
 
 
 def test_a_hopeless_tolerance_is_reported():

@@ -1,52 +1,28 @@
-"""The oracle poses the same cost in numpy, with kinematics by matrices, for SciPy to minimise."""
+"""The whole solver against SciPy on the same cost; ``everything`` is compiled once for all that
+need limits and a floor."""
 
-from types import SimpleNamespace
+import functools
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from jaxmotion import Motion, Skeleton
 from jaxmotion.contacts import ContactPoints, Contacts
 from jaxmotion.spacetime import JointLimits, Weights, satisfy
-from tests.helpers import angle_between, check_gradients, no_shape_checks, world_by_matrices
-
-FRAMES, JOINTS = 6, 5
-ACTIVE = (0, 1, 2, 3)  # joint 4 is above no contact point
-WEIGHTS = Weights(position=1.0, floor=0.5, limits=0.7, size=1e-2, bend=1e-6, root=3.0)
-FLOOR, RAMP = -1.75, 0.07
-
-
-def case(dtype=np.float64, frames=FRAMES):
-    """A two-bone leg below a root, moving smoothly, with an arm aside; one point on the foot's
-    bone, one at the knee."""
-    rng = np.random.default_rng(0)
-    skeleton = Skeleton(
-        ["root", "hip", "knee", "ankle", "arm"],
-        [-1, 0, 1, 2, 0],
-        np.array([[0, 0, 0], [0.2, 0, 0], [0, -1, 0], [0, -0.9, 0], [0, 1, 0]], dtype),
-    )
-    t = np.arange(frames)[:, None, None] / 30
-    v = 0.3 * np.sin(6 * t + rng.uniform(0, 6, (1, JOINTS, 3)))
-    q = Rotation.from_rotvec(v.reshape(-1, 3)).as_quat(scalar_first=True).reshape(-1, JOINTS, 4)
-    root = np.concatenate([1.0 * t[:, 0], 0 * t[:, 0], 0 * t[:, 0]], -1)
-    motion = Motion.from_root(
-        skeleton, jnp.asarray(root, dtype), jnp.asarray(q, dtype), np.asarray(1 / 30, dtype)
-    )
-    points = ContactPoints(skeleton, [3, 2], np.array([[0.1, -0.1, 0.2], [0, 0, 0]]))
-    mask = np.zeros((frames, 2), bool)
-    mask[frames // 3 : frames // 3 + 2, 0], mask[-1:, 1] = True, True
-    positions = points.positions(motion)
-    shift = jnp.asarray([[0.1, -0.05, 0.05], [0.03, 0.02, -0.02]], dtype)
-    return motion, Contacts(points, mask, positions + shift)
-
-
-def limits_of(dtype=np.float64):
-    return JointLimits(np.full((JOINTS, 3), -0.15), np.full((JOINTS, 3), 0.2)).astype(dtype)
+from tests.helpers import angle_between, no_shape_checks
+from tests.spacetime.scene import (
+    FLOOR,
+    FRAMES,
+    RAMP,
+    WEIGHTS,
+    Oracle,
+    case,
+    difference,
+    limits_of,
+)
 
 
 def solve(motion, contacts, limits=None, floor=None, weights=WEIGHTS, **options):
@@ -61,88 +37,56 @@ def solve(motion, contacts, limits=None, floor=None, weights=WEIGHTS, **options)
     )
 
 
-class Oracle:
-    """E of the module's docstring."""
-
-    def __init__(self, motion, contacts, limits, floor, weights=WEIGHTS):
-        self.motion, self.contacts, self.limits, self.floor = motion, contacts, limits, floor
-        self.weights, self.start = (
-            weights,
-            Rotation.from_quat(np.asarray(motion.rotations).reshape(-1, 4), scalar_first=True),
-        )
-        # Limits move the arm too, by itself.
-        self.joints = list(ACTIVE if limits is None else range(JOINTS))
-        self.translations = np.array(motion.translations)
-        self.skeleton = SimpleNamespace(
-            parents=motion.skeleton.parents, end_joints=(), end_offsets=np.zeros((0, 3))
-        )
-        self.offsets = np.asarray(contacts.point)
-        self.dt, self.frames = float(motion.frame_time), motion.num_frames
-        # Neither point has a limb of its own: half the longest chain.
-        self.length = 0.5 * (0.2 + 1 + 0.9)
-        self.goal, self.weight = self.goals()
-
-    def points(self, motion):
-        position, turn, _ = world_by_matrices(motion)
-        return np.stack(
-            [
-                position[:, j] + turn[:, j] @ p
-                for j, p in zip(self.contacts.joints, self.offsets, strict=True)
-            ],
-            1,
-        )
-
-    def goals(self):
-        y, target = self.points(self.motion), np.asarray(self.contacts.target)
-        mask = np.asarray(self.contacts.mask)
-        goal, weight = y.copy(), np.zeros(mask.shape)
-        for t, c in np.ndindex(mask.shape):
-            held = np.flatnonzero(mask[:, c])
-            border = held[np.argmin(np.abs(held - t))]
-            u = min(abs(border - t) * self.dt / RAMP, 1)
-            goal[t, c] += target[border, c] - y[border, c]
-            weight[t, c] = 1 - 3 * u**2 + 2 * u**3
-        return np.where(mask[..., None], target, goal), weight
-
-    def moved(self, delta):
-        turn = np.zeros((self.frames, JOINTS, 3))
-        turn[:, self.joints] = delta[:, 3:].reshape(self.frames, -1, 3)
-        q = (self.start * Rotation.from_rotvec(turn.reshape(-1, 3))).as_quat(scalar_first=True)
-        translations = self.translations.copy()
-        translations[:, 0] += self.length * delta[:, :3]
-        q = q.reshape(self.frames, JOINTS, 4)
-        return SimpleNamespace(skeleton=self.skeleton, translations=translations, rotations=q)
-
-    def residuals(self, flat):
-        delta, w = flat.reshape(self.frames, -1), self.weights
-        motion = self.moved(delta)
-        y = self.points(motion)
-        parts = [np.sqrt(w.position * self.weight)[..., None] * (y - self.goal) / self.length]
-        if self.floor is not None:
-            parts.append(np.sqrt(w.floor) * np.maximum(self.floor - y[..., 1], 0) / self.length)
-        if self.limits is not None:
-            v = Rotation.from_quat(
-                motion.rotations[:, self.joints].reshape(-1, 4), scalar_first=True
-            )
-            v = v.as_rotvec().reshape(self.frames, -1, 3)
-            rows = self.joints
-            lower, upper = np.asarray(self.limits.lower), np.asarray(self.limits.upper)
-            parts.append(np.sqrt(w.limits) * (v - np.clip(v, lower[rows], upper[rows])))
-        stiff = np.sqrt(np.where(np.arange(delta.shape[1]) < 6, w.root, 1.0))
-        parts.append(np.sqrt(w.size) * stiff * delta)
-        parts.append(np.sqrt(w.bend) / self.dt**2 * stiff * np.diff(delta, n=2, axis=0))
-        return np.concatenate([np.ravel(part) for part in parts])
-
-    def minimum(self):
-        start = np.zeros(self.frames * (3 + 3 * len(self.joints)))
-        return least_squares(
-            self.residuals, start, xtol=1e-13, ftol=1e-13, gtol=1e-11, max_nfev=100
-        )
+def givens(motion, contacts):
+    """What ``everything`` takes and differentiates in."""
+    limits = limits_of()
+    return {
+        "root": motion.translations[:, 0],
+        "q": motion.rotations,
+        "target": contacts.target,
+        "lower": limits.lower,
+        "upper": limits.upper,
+        "floor": jnp.asarray(FLOOR, float),
+        "size": jnp.asarray(WEIGHTS.size, float),
+    }
 
 
-def difference(a, b):
-    turned = angle_between(a.rotations, b.rotations).max()
-    return max(turned, np.abs(np.asarray(a.translations) - np.asarray(b.translations)).max())
+def smooth(motion, report):
+    """What is differentiated."""
+    return {
+        "root": motion.translations[:, 0],
+        "q": motion.rotations,
+        "cost": report.cost,
+        "error": report.position_error,
+    }
+
+
+@jax.jit
+def everything(given, tangent, cotangent):
+    """The answer and its report; the derivative of ``smooth`` along the tangent, and the slopes of
+    its product with the cotangent."""
+    motion, contacts = case()
+
+    def function(given):
+        moved = motion.with_transforms(motion.translations.at[:, 0].set(given["root"]), given["q"])
+        limits = JointLimits(given["lower"], given["upper"])
+        weights = eqx.tree_at(lambda w: w.size, WEIGHTS, given["size"])
+        aimed = eqx.tree_at(lambda c: c.target, contacts, given["target"])
+        answer = solve(moved, aimed, limits, given["floor"], weights)
+        return smooth(*answer), answer
+
+    _, forward, answer = jax.linearize(function, given, has_aux=True)
+    (slopes,) = jax.linear_transpose(forward, given)(cotangent)
+    return answer, forward(tangent), slopes
+
+
+def zeros():
+    """A tangent and a cotangent of ``everything``."""
+    motion, contacts = case()
+    none = jnp.zeros(contacts.mask.shape)
+    tangent = givens(motion, contacts)
+    cotangent = {"root": tangent["root"], "q": tangent["q"], "cost": jnp.zeros(()), "error": none}
+    return jax.tree.map(jnp.zeros_like, (tangent, cotangent))
 
 
 @pytest.mark.parametrize("asked", ["contacts", "everything"])
@@ -151,7 +95,10 @@ def test_the_answer_is_scipys(asked):
     extra = (limits_of(), FLOOR) if asked == "everything" else (None, None)
     oracle = Oracle(motion, contacts, *extra)
     want = oracle.minimum()
-    answer, report = solve(motion, contacts, *extra)
+    if asked == "everything":
+        (answer, report), _, _ = everything(givens(motion, contacts), *zeros())
+    else:
+        answer, report = solve(motion, contacts)
     assert bool(report.converged)
     np.testing.assert_allclose(report.cost_before, 0.5 * np.sum(oracle.residuals(0 * want.x) ** 2))
     np.testing.assert_allclose(report.cost, want.cost, rtol=1e-7)
@@ -191,14 +138,15 @@ def test_contacts_already_kept_change_nothing():
 def test_a_miss_of_rounding_size_is_none():
     """Its direction would be rounding's, and so would be a derivative of size one along it."""
     motion, contacts = case()
-    kept = eqx.tree_at(lambda c: c.target, contacts, contacts.points.positions(motion) + 1e-15)
-
-    def missed(contacts):
-        return jnp.sum(solve(motion, contacts)[1].position_error)
-
-    np.testing.assert_array_equal(missed(kept), 0)
-    slope = jax.grad(lambda x: missed(eqx.tree_at(lambda c: c.target, kept, x)))(kept.target)
-    np.testing.assert_array_equal(slope, 0)
+    given = givens(motion, contacts)
+    given["target"] = contacts.points.positions(motion) + 1e-15
+    far = {"lower": -10.0, "upper": 10.0, "floor": -100.0}
+    given |= {name: jnp.full_like(given[name], value) for name, value in far.items()}
+    tangent, cotangent = zeros()
+    cotangent["error"] = jnp.ones_like(cotangent["error"])
+    (_, report), _, slopes = everything(given, tangent, cotangent)
+    np.testing.assert_array_equal(report.position_error, 0)
+    np.testing.assert_array_equal(slopes["target"], 0)
 
 
 def test_a_joint_that_never_turns_does_not_start_to():
@@ -305,28 +253,25 @@ def test_rotating_and_moving_the_world_moves_the_answer():
 
 @pytest.mark.slow
 def test_derivatives_in_motion_targets_limits_floor_and_weights():
-    motion, contacts = case()
+    given, rng, eps = givens(*case()), np.random.default_rng(0), 1e-6
+    tangent, cotangent = jax.tree.map(lambda x: jnp.asarray(rng.standard_normal(x.shape)), zeros())
 
-    def answer(root, q, target, lower, floor, size):
-        moved = motion.with_transforms(motion.translations.at[:, 0].set(root), q)
-        limits = eqx.tree_at(lambda x: x.lower, limits_of(), lower)
-        weights = eqx.tree_at(lambda w: w.size, WEIGHTS, size)
-        aimed = eqx.tree_at(lambda c: c.target, contacts, target)
-        found, report = solve(moved, aimed, limits, floor, weights)
-        return found.translations[:, 0], found.rotations, report.cost
+    def moved(h):
+        (motion, report), forward, slopes = everything(
+            jax.tree.map(lambda x, v: x + h * v, given, tangent), tangent, cotangent
+        )
+        return smooth(motion, report), forward, slopes
 
-    check_gradients(
-        answer,
-        motion.translations[:, 0],
-        motion.rotations,
-        contacts.target,
-        limits_of().lower,
-        jnp.asarray(FLOOR),
-        jnp.asarray(WEIGHTS.size),
-        rtol=2e-4,
-        atol=2e-5,
-        eps=1e-6,
-    )
+    (beyond, _, _), (before, _, _), (_, forward, slopes) = moved(eps), moved(-eps), moved(0.0)
+    numeric = jax.tree.map(lambda a, b: (a - b) / (2 * eps), beyond, before)
+    close = functools.partial(np.testing.assert_allclose, rtol=2e-4, atol=2e-5)
+    for name, want in numeric.items():
+        close(forward[name], want, err_msg=f"forward mode: {name}")
+
+    def inner(a, b):
+        return sum(np.vdot(a[name], b[name]) for name in a)
+
+    close(inner(slopes, tangent), inner(cotangent, numeric), err_msg="reverse mode")
 
 
 def test_mapped_over_clips():
