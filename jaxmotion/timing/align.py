@@ -19,6 +19,7 @@ A pairing is discrete: derivatives reach the copy through the poses that are rea
 
 from typing import Literal
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -133,7 +134,7 @@ def _channels(x: Array, y: Array) -> tuple[Array, ...]:
     return tuple((q - jnp.mean(q, axis=0)).reshape(q.shape[0], -1) for q in (x, y))
 
 
-@jax.jit
+@eqx.filter_jit
 def _source_times(
     x: Float[Array, "source joint 4"],
     y: Float[Array, "reference joint 4"],
