@@ -122,7 +122,7 @@ def require(value: Tree, bad: Any, text: str, *, got: Any = None) -> Tree:
     known, with ``got``, else as :func:`raise_faults`."""
     if traced(bad):
         return raise_faults(value, [(bad, text)])
-    if bool(bad):
+    if known(bad):
         raise ValueError(text if got is None else f"{text}, got {got}")
     return value
 
