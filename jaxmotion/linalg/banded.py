@@ -92,21 +92,24 @@ def banded_solve(
     **Returns:** f[n, *channels], not a number where P is not positive definite.
     **Raises:** ``ValueError`` for shapes that do not fit; as :func:`banded_factor`.
     """
-    x, indefinite = _solve(bands, b)
-    return require(x, indefinite, f"banded_solve: {_INDEFINITE}") if throw else x
+    bands, factor, indefinite = _aligned_factor(bands, b)
+    if throw:  # of the factor, which is smaller than what is solved for
+        factor = require(factor, indefinite, f"banded_solve: {_INDEFINITE}")
+    return _solve(bands, factor, b)
 
 
 @jax.jit
-def _solve(bands: Array, b: Array) -> tuple[Array, Bool[Array, ""]]:
-    """``P^-1 b``, and whether P is not positive definite."""
-    bands, b = _aligned(bands, b)
-    factor, indefinite = _factor(lax.stop_gradient(bands))
+def _aligned_factor(bands: Array, b: Array) -> tuple[Array, BandedFactor, Bool[Array, ""]]:
+    bands, _ = _aligned(bands, b)
+    return bands, *_factor(lax.stop_gradient(bands))
 
+
+@jax.jit
+def _solve(bands: Array, factor: BandedFactor, b: Array) -> Array:
     def solve(_, b):
         return _substitute(factor, b)
 
-    x = lax.custom_linear_solve(partial(banded_matvec, bands), b, solve, symmetric=True)
-    return x, indefinite
+    return lax.custom_linear_solve(partial(banded_matvec, bands), b, solve, symmetric=True)
 
 
 @jax.custom_jvp
