@@ -120,11 +120,17 @@ def counted(
 def require(value: Tree, bad: Any, text: str, *, got: Any = None) -> Tree:
     """``value``, unless ``bad`` (Python, NumPy or JAX, scalar) holds: ``ValueError`` where that is
     known, with ``got``, else as :func:`raise_faults`."""
+    return raise_faults(value, fault(bad, text, got=got))
+
+
+def fault(bad: Any, text: str, *, got: Any = None) -> list[Fault]:
+    """What :func:`raise_faults` is to look for, together with others, if ``bad`` is traced; where
+    it is known to hold, ``ValueError`` as :func:`require`."""
     if traced(bad):
-        return raise_faults(value, [(bad, text)])
+        return [(bad, text)]
     if known(bad):
         raise ValueError(text if got is None else f"{text}, got {got}")
-    return value
+    return []
 
 
 def raise_faults(x: Tree, faults: Sequence[Fault]) -> Tree:

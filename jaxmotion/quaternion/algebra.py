@@ -29,7 +29,9 @@ def ending_in(a: Float[AnyArray, "..."], axes: tuple[int, ...], name: str) -> Ar
     """
     a = jnp.asarray(a)
     if a.shape[-len(axes) :] != axes:
-        raise ValueError(f"{name} must have shape (..., {', '.join(map(str, axes))}), got {a.shape}")
+        raise ValueError(
+            f"{name} must have shape (..., {', '.join(map(str, axes))}), got {a.shape}"
+        )
     return a
 
 

@@ -46,8 +46,8 @@ def mean(
     not the last; ``method``: "karcher", "recursive" or "chordal", see the module.
     **Returns:** q's shape without ``axis``, on the hemisphere of the first sample ("recursive"
     begins there).
-    **Raises:** ``ValueError`` for an unknown method, a last axis that is not 4, an axis that is none
-    before the last, or no samples.
+    **Raises:** ``ValueError`` for an unknown method, a last axis that is not 4, an axis that is
+    none before the last, or no samples.
     """
     one_of("mean: method", method, ("karcher", "recursive", "chordal"))
     samples, w = _samples(q, weights, axis)

@@ -175,7 +175,7 @@ def test_shapes_that_do_not_fit_are_named():
 
 def test_what_is_known_to_be_indefinite_is_a_value_error():
     blocks = -jnp.ones((3, 1, 1, 1))
-    with pytest.raises(ValueError, match="^block_banded_factor: blocks: .* not positive definite"):
+    with pytest.raises(ValueError, match=r"^block_banded_factor: blocks: .* not positive definite"):
         block_banded_factor(blocks)
-    with pytest.raises(ValueError, match="^block_banded_solve: blocks: .* not positive definite"):
+    with pytest.raises(ValueError, match=r"^block_banded_solve: blocks: .* not positive definite"):
         block_banded_solve(blocks, jnp.ones((3, 1)))

@@ -255,7 +255,11 @@ def test_shapes_that_are_no_rotations_are_refused_by_name():
     """Rows were once clamped: two of them gave a wrong unit quaternion."""
     m, columns, q = np.eye(3), np.ones(6), np.ones((2, 4))
     calls = [
-        (qt.from_matrix, (m[:2],), r"from_matrix: m must have shape \(\.\.\., 3, 3\), got \(2, 3\)"),
+        (
+            qt.from_matrix,
+            (m[:2],),
+            r"from_matrix: m must have shape \(\.\.\., 3, 3\), got \(2, 3\)",
+        ),
         (qt.from_matrix, (np.ones((4, 3)),), r"from_matrix: m must have shape .* got \(4, 3\)"),
         (qt.from_matrix, (m[0],), r"from_matrix: m must have shape .* got \(3,\)"),
         (qt.from_rotation_6d, (columns[:5],), r"from_rotation_6d: columns must .* 6\), got \(5,\)"),

@@ -372,3 +372,14 @@ def test_static_trouble_names_the_argument(found):
         unwarp(source, found)
     with pytest.raises(ValueError, match="rotations=True"):
         unwarp(np.zeros((36, 3)), found, rotations=True)
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.5, None])
+def test_at_least_one_iteration(count):
+    """None at all died in the middle."""
+    x = np.random.default_rng(0).normal(size=(12, 2))
+    message = f"motion_warping: max_iterations={count}; want a whole number of at least 1"
+    with no_shape_checks(), pytest.raises(ValueError, match=message):
+        motion_warping(x, x, max_iterations=count)
+    once = motion_warping(x, x, max_iterations=1)
+    assert once.energy.shape == (2,)
