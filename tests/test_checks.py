@@ -556,7 +556,7 @@ def test_data_that_are_missing_may_be_no_numbers():
     assert jnp.isfinite(lgs(holed, 1.0, 1.0, weights=there).mean).all()
     motion = clip().with_transforms(rotations=_turns(5))
     assert jnp.isfinite(geodesic(motion.rotations, 1.0, 0.1, weights=there).mean).all()
-    assert jnp.isfinite(denoise(motion, weights=there).rotations).all()
+    assert jnp.isfinite(denoise(motion, weights=there).rotations[there > 0]).all()
 
 
 def test_what_cannot_be_used_is_refused():

@@ -71,13 +71,12 @@ def align(
 
     **Arguments:** ``source``, ``reference``: clips of one dtype with at least one joint name in
     common; ``method``: "dtw", or "warping" for the same action in another style; ``step_pattern``,
-    ``window``: of :func:`dtw`, not with "warping"; ``settle``: m ≥ 0, frames of the
-    reference over which the source times are smoothed, 0 for the pairing as it is.
+    ``window``: of :func:`dtw`, not with "warping"; ``settle``: m ≥ 0, frames of the reference over
+    which the source times are smoothed, 0 for the pairing as it is.
     **Returns:** :class:`Alignment`.
     **Raises:** ``ValueError`` for another method or step pattern, either of ``step_pattern`` and
-    ``window`` with "warping", two dtypes, no common joints, a
-    negative ``settle``, or a step pattern and window that leave no path; at run time for the last
-    two when traced.
+    ``window`` with "warping", two dtypes, no common joints, a negative ``settle``, or a step
+    pattern and window that leave no path; at run time for the last two when traced.
     """
     one_of("align: method", method, ("dtw", "warping"))
     if method == "warping" and (step_pattern != "symmetric" or window is not None):

@@ -127,7 +127,7 @@ def motion_warping(
     smoothness outside of what the dtype can solve, no iterations, a negative ``tolerance``, or
     clips that are not finite; at run time for the last two when traced, and as ``throw`` says.
     """
-    finite = (abs(known(x)) < np.inf for x in (source, reference))
+    finite = [(abs(known(x)) < np.inf).all() for x in (source, reference)]
     source, reference = jnp.asarray(source), jnp.asarray(reference)
     num_source, num_reference = source.shape[0], reference.shape[0]
     fits = source.ndim == 2 and source.shape[1:] == reference.shape[1:]
@@ -149,8 +149,8 @@ def motion_warping(
         raise ValueError(
             f"motion_warping: max_iterations={max_iterations}; want a whole number of at least 1"
         )
-    share, (fine, also) = known(tolerance), (x.all() for x in finite)
-    faults = fault(~(fine & also), "motion_warping: source and reference must be finite")
+    faults = fault(~(finite[0] & finite[1]), "motion_warping: source and reference must be finite")
+    share = known(tolerance)
     message = "motion_warping: tolerance must be a share of 0 or more"
     faults += fault(~((share >= 0) & (share < np.inf)), message, got=tolerance)
     source, reference = raise_faults((source, reference), faults)
@@ -242,10 +242,10 @@ def unwarp(
 def _slope_that_fits(slope, num_source, num_reference) -> int:
     steepest = max(num_source / num_reference, num_reference / num_source)
     m = max(2, math.ceil(steepest)) if slope is None else slope
-    if m < 1 or steepest > m:
+    if not isinstance(m, (int, np.integer)) or m < 1 or steepest > m:
         raise ValueError(
-            f"slope={slope}; want at least {math.ceil(steepest)} to warp {num_source} frames"
-            f" onto {num_reference}"
+            f"slope={slope}; want at least {math.ceil(steepest)}, whole, to warp {num_source}"
+            f" frames onto {num_reference}"
         )
     return m
 
