@@ -343,12 +343,7 @@ def facing_direction(
         >>> facing.shape, bool(facing[:, 2].min() > 0.9)
         ((16, 3), True)
     """
-    pairs = _body_pairs(motion.skeleton) if pairs is None else pairs
-    if len(pairs) == 0:
-        raise ValueError(
-            "facing_direction: no left/right joints found by name; pass pairs=((left, right), ...)"
-        )
-    return _facing(motion, _checked_pairs(pairs, motion.num_joints))
+    return _facing(motion, None if pairs is None else _checked_pairs(pairs, motion.num_joints))
 
 
 def _checked_pairs(pairs, joints: int) -> tuple[tuple[int, int], ...]:
@@ -363,7 +358,14 @@ def _checked_pairs(pairs, joints: int) -> tuple[tuple[int, int], ...]:
 
 
 @eqx.filter_jit
-def _facing(motion: Motion, pairs: tuple[tuple[int, int], ...]) -> Float[Array, "*batch time 3"]:
+def _facing(
+    motion: Motion, pairs: tuple[tuple[int, int], ...] | None
+) -> Float[Array, "*batch time 3"]:
+    pairs = _body_pairs(motion.skeleton) if pairs is None else pairs
+    if not pairs:
+        raise ValueError(
+            "facing_direction: no left/right joints found by name; pass pairs=((left, right), ...)"
+        )
     x = forward_kinematics(motion).positions
     left, right = (x[..., side, :] for side in np.asarray(pairs).T)
     up = jnp.asarray(np.eye(3)[motion.skeleton.up_axis], x.dtype)

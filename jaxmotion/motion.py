@@ -6,6 +6,7 @@ repeats its offset. The root's transform is in the world.
 """
 
 import dataclasses
+import math
 
 import equinox as eqx
 import jax
@@ -82,8 +83,8 @@ class Motion(Portable):
                 f"Motion: translated_joints must lie in 0..{joints - 1}, got {translated_joints}"
             )
         if not traced(frame_time):
-            seconds = known(frame_time)
-            wrong = not ((seconds > 0) & (seconds < np.inf)).all()
+            seconds = known(frame_time).ravel().tolist()
+            wrong = not all(0 < s < math.inf for s in seconds)
             require(None, wrong, "Motion: frame_time must be a time above 0", got=frame_time)
         self.skeleton = skeleton
         self.translations = translations

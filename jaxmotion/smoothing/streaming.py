@@ -170,28 +170,7 @@ class StreamingSmoother(eqx.Module):
         message = "StreamingSmoother.step: weight must be finite and >= 0"
         # Everything that the stream returns is relative to its level.
         level = require(state.level, odd, message, got=weight)
-        return self._step(state, level, frame, weight)
-
-    @jax.jit
-    def _step(
-        self, state: StreamState, level: Array, frame: ArrayLike, weight: ArrayLike
-    ) -> tuple[StreamState, Float[Array, "*channels"]]:
-        state = eqx.tree_at(lambda s: s.level, state, level)
-        frame = self._as_frame(frame)
-        if frame.shape != state.level.shape or frame.dtype != state.level.dtype:
-            raise ValueError(
-                f"frame is {frame.dtype} {frame.shape}: the stream has {state.level.dtype} "
-                f"{state.level.shape}"
-            )
-        weight = self._weight(weight, frame, state.curvature.shape)
-        frame = jnp.where(weight > 0, frame, state.reference)
-        if self.rotations:
-            flip = jnp.sum(frame * state.reference, -1, keepdims=True) < 0
-            frame = jnp.where(flip, -frame, frame)
-        state = _observe(_advance(state), frame, weight)
-        x, v = _filtered(state)
-        u, w = state.gains
-        return state, self._finish(state.level + state.offset[0] + u[0] * x + w[0] * v)
+        return _step(self, state, level, frame, weight)
 
     @jax.jit
     def flush(self, state: StreamState) -> Float[Array, "lag *channels"]:
@@ -254,6 +233,32 @@ class StreamingSmoother(eqx.Module):
         whole = jnp.all(jnp.isfinite(frame), axis=shared, keepdims=True)
         w = self._spread(w, frame.ndim)
         return jnp.where(whole & (w > 0), w, 0)  # no derivative where nothing was seen
+
+
+@jax.jit
+def _step(
+    smoother: StreamingSmoother,
+    state: StreamState,
+    level: Array,
+    frame: ArrayLike,
+    weight: ArrayLike,
+) -> tuple[StreamState, Float[Array, "*channels"]]:
+    state = eqx.tree_at(lambda s: s.level, state, level)
+    frame = smoother._as_frame(frame)
+    if frame.shape != state.level.shape or frame.dtype != state.level.dtype:
+        raise ValueError(
+            f"frame is {frame.dtype} {frame.shape}: the stream has {state.level.dtype} "
+            f"{state.level.shape}"
+        )
+    weight = smoother._weight(weight, frame, state.curvature.shape)
+    frame = jnp.where(weight > 0, frame, state.reference)
+    if smoother.rotations:
+        flip = jnp.sum(frame * state.reference, -1, keepdims=True) < 0
+        frame = jnp.where(flip, -frame, frame)
+    state = _observe(_advance(state), frame, weight)
+    x, v = _filtered(state)
+    u, w = state.gains
+    return state, smoother._finish(state.level + state.offset[0] + u[0] * x + w[0] * v)
 
 
 def _advance(state: StreamState) -> StreamState:

@@ -247,7 +247,7 @@ def _slope_that_fits(slope, num_source, num_reference) -> int:
             f"slope={slope}; want at least {math.ceil(steepest)}, whole, to warp {num_source}"
             f" frames onto {num_reference}"
         )
-    return m
+    return int(m)
 
 
 def _descend(s, r, m, smoothness, max_iterations, tolerance):
