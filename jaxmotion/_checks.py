@@ -120,11 +120,17 @@ def counted(
 def require(value: Tree, bad: Any, text: str, *, got: Any = None) -> Tree:
     """``value``, unless ``bad`` (Python, NumPy or JAX, scalar) holds: ``ValueError`` where that is
     known, with ``got``, else as :func:`raise_faults`."""
+    return raise_faults(value, fault(bad, text, got=got))
+
+
+def fault(bad: Any, text: str, *, got: Any = None) -> list[Fault]:
+    """What :func:`raise_faults` is to look for, together with others, if ``bad`` is traced; where
+    it is known to hold, ``ValueError`` as :func:`require`."""
     if traced(bad):
-        return raise_faults(value, [(bad, text)])
-    if bool(bad):
+        return [(bad, text)]
+    if known(bad):
         raise ValueError(text if got is None else f"{text}, got {got}")
-    return value
+    return []
 
 
 def raise_faults(x: Tree, faults: Sequence[Fault]) -> Tree:
@@ -133,8 +139,10 @@ def raise_faults(x: Tree, faults: Sequence[Fault]) -> Tree:
     One check for all: each check by itself is a callback to trace and compile. Under "nan" the
     floating-point arrays of ``x`` become NaN: let it be what every result is made of.
     """
+    if not faults:
+        return x
     mode = _mode()
-    if not faults or mode == "off":
+    if mode == "off":
         return x
     return _checked(x, [holds for holds, _ in faults], tuple(text for _, text in faults), mode)
 

@@ -30,6 +30,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
+from jaxmotion._checks import traced
 from jaxmotion._portable import Portable
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion.algebra import multiply
@@ -320,7 +321,6 @@ def mirrored_pairs(skeleton: Skeleton) -> tuple[tuple[int, int], ...]:
     return tuple(pairs)
 
 
-@eqx.filter_jit
 def facing_direction(
     motion: Motion, pairs: tuple[tuple[int, int], ...] | None = None
 ) -> Float[Array, "*batch time 3"]:
@@ -333,7 +333,8 @@ def facing_direction(
     each limb (hips, shoulders).
     **Returns:** f[T, 3]; the frames where left and right stand one above the other have none, and
     get the zero vector with zero gradient.
-    **Raises:** ``ValueError`` when the skeleton has no mirrored joints and none are given.
+    **Raises:** ``ValueError`` when the skeleton has no mirrored joints and none are given, or pairs
+    are not of its joints.
 
     **Example:**
 
@@ -342,6 +343,24 @@ def facing_direction(
         >>> facing.shape, bool(facing[:, 2].min() > 0.9)
         ((16, 3), True)
     """
+    return _facing(motion, None if pairs is None else _checked_pairs(pairs, motion.num_joints))
+
+
+def _checked_pairs(pairs, joints: int) -> tuple[tuple[int, int], ...]:
+    wanted = f"facing_direction: pairs must be (left, right) joints, each 0..{joints - 1}"
+    if traced(pairs):
+        raise ValueError(f"{wanted}, and not traced")
+    numbers = np.asarray(pairs)
+    fits = numbers.ndim == 2 and numbers.shape[1] == 2 and np.issubdtype(numbers.dtype, np.integer)
+    if not fits or ((numbers < 0) | (numbers >= joints)).any():
+        raise ValueError(f"{wanted}, got {pairs}")
+    return tuple((left, right) for left, right in numbers.tolist())
+
+
+@eqx.filter_jit
+def _facing(
+    motion: Motion, pairs: tuple[tuple[int, int], ...] | None
+) -> Float[Array, "*batch time 3"]:
     pairs = _body_pairs(motion.skeleton) if pairs is None else pairs
     if not pairs:
         raise ValueError(

@@ -6,6 +6,7 @@ repeats its offset. The root's transform is in the world.
 """
 
 import dataclasses
+import math
 
 import equinox as eqx
 import jax
@@ -13,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import known, require, traced
 from jaxmotion._file_facts import file_fact
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, Scalar
@@ -29,14 +31,15 @@ class Motion(Portable):
     - ``skeleton``: the :class:`~jaxmotion.Skeleton`.
     - ``translations``: f[T, J, 3], local, file unit.
     - ``rotations``: f[T, J, 4], local unit quaternions (w, x, y, z).
-    - ``frame_time``: f[], seconds.
+    - ``frame_time``: f[], seconds, > 0; what is traced is taken as it is.
     - ``translated_joints``: joints whose translations may vary in time; static. The others stay at
       their offsets: algorithms read their first frame and skip the rest.
     - ``frame_time_text``: how the file spelt the frame time, kept for the round trip; a file fact
       (:mod:`jaxmotion._file_facts`): clips that differ in nothing else share compiled functions,
       can be stacked, and have, under a caller's ``jax.jit``, the text of the first clip traced.
 
-    **Raises:** ``ValueError`` when shapes do not fit the skeleton, or a translated joint is none.
+    **Raises:** ``ValueError`` when shapes do not fit the skeleton, a translated joint is none, or
+    the frame time is known not to be positive and finite.
 
     **Example:**
 
@@ -79,6 +82,10 @@ class Motion(Portable):
             raise ValueError(
                 f"Motion: translated_joints must lie in 0..{joints - 1}, got {translated_joints}"
             )
+        if not traced(frame_time):
+            seconds = known(frame_time).ravel().tolist()
+            wrong = not all(0 < s < math.inf for s in seconds)
+            require(None, wrong, "Motion: frame_time must be a time above 0", got=frame_time)
         self.skeleton = skeleton
         self.translations = translations
         self.rotations = rotations

@@ -15,9 +15,17 @@ from jaxmotion._checks import counted, one_of, poisoned, raise_faults, require
 from jaxmotion.contacts import ContactPoints, Contacts, cleanup_root, detect
 from jaxmotion.layers import time_warp
 from jaxmotion.multiresolution import build_pyramid, filter_motion
-from jaxmotion.smoothing import StreamingSmoother, geodesic, lgs, suggest_keys
+from jaxmotion.smoothing import (
+    StreamingSmoother,
+    geodesic,
+    lgs,
+    outlier_weights,
+    suggest_keys,
+    tune,
+    windowed_lgs,
+)
 from jaxmotion.spacetime import restore
-from jaxmotion.timing import align, dtw, soft_dtw
+from jaxmotion.timing import align, dtw, motion_warping, soft_dtw
 from tests.helpers import no_shape_checks, random_skeleton
 
 
@@ -170,6 +178,7 @@ def test_how_many_frames_count_may_be_left_out_and_is_whole():
 
 
 _TIMES = np.arange(12.0)
+_ROWS = np.random.default_rng(2).normal(size=(12, 2))
 _COST = np.random.default_rng(0).uniform(1, 2, (5, 6))
 
 
@@ -207,6 +216,19 @@ _KNOWN = {
     "y_length": lambda one: soft_dtw(cost=_COST, y_length=one(99)),
     "length of contacts": lambda one: restore(*_paused(), length=one(99)),
     "length of root": lambda one: cleanup_root(*_paused(), length=one(99)),
+    "stiffness": lambda one: lgs(_TIMES, 1.0, 1.0, stiffness=one(-_TIMES)),
+    "weight of a stream": lambda one: (smoother := StreamingSmoother(1.0, 1.0)).step(
+        smoother.init(_TIMES), _TIMES, one(-1.0)
+    ),
+    "weights of outliers": lambda one: outlier_weights(_TIMES, weights=one(_TIMES - 5)),
+    "weights of tuning": lambda one: tune(_TIMES, weights=one(_TIMES - 5)),
+    "index of tuning": lambda one: tune(_TIMES, index=one(_TIMES + 1), num_frames=12),
+    "weights of decompose": lambda one: decompose(clip(), weights=one(_TIMES - 5)),
+    "lam_c": lambda one: decompose(clip(), lam_c=one(-1.0)),
+    "lam of denoise": lambda one: denoise(clip(), lam=one(-1.0)),
+    "tolerance": lambda one: motion_warping(_ROWS, _ROWS, tolerance=one(-1.0)),
+    "frame time": lambda one: clip().replace(frame_time=one(-1.0)),
+    "no frame time": lambda one: clip().replace(frame_time=one(0.0)),
 }
 
 
@@ -479,3 +501,86 @@ print("done")
 
 def test_explicit_meshes_are_taken_by_the_batch_axis():
     assert _alone(_MESH) == "done"
+
+
+def _turns(frame):
+    """Rotations of a clip, one of which is spoilt."""
+    return clip().rotations.at[frame, 1].multiply(jnp.nan)
+
+
+# Data known to hold NaN: what takes them, and how it says where.
+_HOLES = {
+    "lgs": (lambda one: lgs(one(np.where(_TIMES == 5, np.nan, _TIMES)), 1.0, 1.0), r"y .* \[5\]"),
+    "windows": (
+        lambda one: windowed_lgs(np.where(_TIMES == 5, np.inf, _TIMES), 1.0, 1.0, window=8),
+        "y holds",
+    ),
+    "geodesic": (lambda one: geodesic(one(_turns(5)), 1.0, 0.1), "geodesic: q holds NaN"),
+    "not unit": (
+        lambda one: geodesic(one(1.1 * clip().rotations), 1.0, 0.1),
+        "geodesic: q .* unit",
+    ),
+    "outliers": (lambda one: outlier_weights(one(_turns(5))), r"outlier_weights: y .* \[5, 1, 0\]"),
+    "tuning": (lambda one: tune(one(_turns(5))), r"tune: y holds"),
+    "decompose": (
+        lambda one: decompose(clip().with_transforms(rotations=one(_turns(5)))),
+        r"decompose: rotations holds .* \[5, 1, 0\]",
+    ),
+    "denoise": (
+        lambda one: denoise(clip().with_transforms(rotations=one(_turns(5)))),
+        "denoise: rotations",
+    ),
+    "outliers of a motion": (
+        lambda one: outlier_weights(clip().with_transforms(rotations=one(_turns(5)))),
+        "outlier_weights: rotations",
+    ),
+    "warping": (
+        lambda one: motion_warping(one(np.nan * _ROWS), _ROWS),
+        "motion_warping: source and reference must be finite",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", _HOLES)
+def test_data_known_to_be_no_numbers_are_a_value_error(what):
+    """A run-time error once, whatever was known."""
+    call, message = _HOLES[what]
+    for array in (np.asarray, jnp.asarray):
+        with pytest.raises(ValueError, match=message):
+            call(array)
+
+
+def test_data_that_are_missing_may_be_no_numbers():
+    there = np.where(_TIMES == 5, 0.0, 1.0)
+    holed = np.where(there, 0.1 * _TIMES, np.nan)
+    assert jnp.isfinite(lgs(holed, 1.0, 1.0, weights=there).mean).all()
+    motion = clip().with_transforms(rotations=_turns(5))
+    assert jnp.isfinite(geodesic(motion.rotations, 1.0, 0.1, weights=there).mean).all()
+    assert jnp.isfinite(denoise(motion, weights=there).rotations[there > 0]).all()
+
+
+def test_what_cannot_be_used_is_refused():
+    """Ignored in silence once."""
+    calls = [
+        (
+            lambda: align(clip(), clip(), method="warping", window=3),
+            "align: method='warping' takes",
+        ),
+        (
+            lambda: align(clip(), clip(), method="warping", step_pattern="x"),
+            "takes no step_pattern",
+        ),
+        (lambda: dtw(cost=_COST, min_matched=2), "dtw: min_matched=2 is of an open end"),
+        (lambda: decompose(clip(), tune="gcv", lam_c=2.0), "decompose: tune= learns"),
+        (
+            lambda: resample(clip(), num_frames=8, method="slerp", smoothing=1.0),
+            "resample: method='slerp' takes no smoothing=",
+        ),
+        (
+            lambda: time_warp(clip(), amount=0.5, method="cubic", smoothing=np.ones(3)),
+            "resample: method='cubic' takes no smoothing=",
+        ),
+    ]
+    for call, message in calls:
+        with pytest.raises(ValueError, match=message):
+            call()

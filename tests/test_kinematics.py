@@ -16,6 +16,7 @@ from tests.helpers import (
     assert_finite_derivatives,
     assert_trees_close,
     check_gradients,
+    no_shape_checks,
     random_motion,
     random_quaternions,
     random_skeleton,
@@ -403,3 +404,20 @@ def test_inputs_are_left_alone():
     forward_kinematics(motion)
     velocities(motion)
     assert_trees_close(motion, kept, 0, 0)
+
+
+def test_facing_is_of_joints_there_are():
+    """Numbers out of range were once clamped."""
+    motion = random_motion(np.random.default_rng(15), 2, 3)
+    for pairs in (((99, 98),), ((1, -1),), ((1, 3),), ((0.5, 1),), (1, 2), ((1, 2, 0),)):
+        with (
+            no_shape_checks(),
+            pytest.raises(ValueError, match=r"facing_direction: pairs must be .* 0\.\.2, got"),
+        ):
+            facing_direction(motion, pairs)
+    want = facing_direction(motion, ((1, 2),))
+    for pairs in ([[1, 2]], np.array([[1, 2]])):
+        with no_shape_checks():
+            np.testing.assert_array_equal(facing_direction(motion, pairs), want)
+    with no_shape_checks(), pytest.raises(ValueError, match="not traced"):
+        jax.jit(lambda left: facing_direction(motion, ((left, 2),)))(1)

@@ -195,3 +195,19 @@ def test_replace_changes_what_it_is_told_and_nothing_else():
         motion.replace(fps=60)
     with pytest.raises(ValueError, match="rotations must have shape"):
         motion.replace(rotations=np.ones((5, 1, 4)))
+
+
+def test_frame_times_are_positive_where_they_are_known(motion):
+    """Once only the writers looked."""
+    for wrong in (0.0, -1.0, np.nan, np.inf, jnp.asarray(-1.0), np.array([0.1, 0.0])):
+        with pytest.raises(ValueError, match=r"Motion: frame_time must be a time above 0, got"):
+            motion.replace(frame_time=wrong)
+    with pytest.raises(ValueError, match="Motion: frame_time"):
+        Motion.from_root(motion.skeleton, motion.root_positions, motion.rotations, 0.0)
+    traced = jax.jit(lambda seconds: motion.replace(frame_time=seconds).frame_time)
+    assert traced(-1.0) == -1.0
+    many = jax.vmap(lambda seconds: motion.replace(frame_time=seconds))(jnp.array([0.1, 0.2]))
+    np.testing.assert_array_equal(many[:3].frame_time, many.frame_time)
+    shapes = jax.tree.map(np.shape, motion)
+    assert shapes.frame_time == ()
+    assert jax.tree.map(lambda x: -x, motion).frame_time < 0

@@ -84,6 +84,8 @@ def command(
     """
     from jaxmotion.cli import _files, _session
 
+    if method == "warping" and steps != "symmetric":
+        raise click.UsageError("--steps goes with --method dtw")
     out, overwrite = joining.out, joining.overwrite
     targets = [file for file in (out, path, plot) if file is not None]
     check_targets(targets, [source, reference], overwrite=overwrite)

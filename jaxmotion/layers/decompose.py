@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
-from jaxmotion._checks import counted, known, one_of, require
+from jaxmotion._checks import counted, known, one_of, require, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, ScalarLike
@@ -36,6 +36,8 @@ from jaxmotion.frames.count import counted_weights
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing import MotionTuning, lgs, smooth_motion, tune
 from jaxmotion.smoothing.components import from_components, to_components
+from jaxmotion.smoothing.design import check_finite
+from jaxmotion.smoothing.lgs import check_positive
 from jaxmotion.smoothing.rotations import geodesic_limit
 from jaxmotion.smoothing.tuning import Criterion
 
@@ -94,7 +96,7 @@ def decompose(
     paper's 1; ``scope``: "global", one base for the body, or "per_joint", a rung of its own for
     every joint (its translation follows); ``order``: of the smoother; ``tune``: take out the noise
     first, with λ and σ learned per joint and apart for rotations and translations by this criterion
-    ("evidence", "gcv" or "holdout", see :mod:`jaxmotion.smoothing.tuning`), instead of ``lam_c``
+    ("evidence", "gcv" or "holdout", see :mod:`jaxmotion.smoothing.tuning`), and take no ``lam_c``
     and ``sigma_c``; ``method``: rotations are smoothed by Eq. 11, "chordal", or exactly by Eq. 9,
     "geodesic" (``smoothing.geodesic``; the rung is chosen by Eq. 11 either way); ``weights``: f[T]
     or f[T, J], ≥ 0, how far each sample is trusted, 0 for missing (``smoothing.outlier_weights``);
@@ -103,7 +105,8 @@ def decompose(
     function serves clips of many lengths.
     **Returns:** :class:`MotionLayers`.
     **Raises:** ``ValueError`` for an unknown scope, method, order or criterion, a γ outside (0, π),
-    weights of another shape, or a length that is not from 1 to T; at run time for traced ones, and
+    weights of another shape or negative, NaN in the motion at positive weight, ``lam_c`` or
+    ``sigma_c`` not positive, or a length that is not from 1 to T; at run time for traced ones, and
     as ``smoothing.lgs`` and ``smoothing.geodesic``.
 
     **Example:**
@@ -123,6 +126,11 @@ def decompose(
     outside = ~((angle > 0) & (angle < np.pi))
     message = "decompose: gamma must be an angle between 0 and π"
     motion = require(motion, outside, message, got=gamma)
+    ones = not traced(lam_c, sigma_c) and np.all(known(lam_c) == 1) and np.all(known(sigma_c) == 1)
+    if tune is not None and not ones:
+        raise ValueError("decompose: tune= learns λ and σ; it takes no lam_c= and no sigma_c=")
+    check_positive("decompose: lam_c", lam_c)
+    check_positive("decompose: sigma_c", sigma_c)
     gamma, lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (gamma, lam_c, sigma_c))
     return _decompose(motion, weights, gamma, lam_c, sigma_c, scope, order, tune, method)
 
@@ -138,19 +146,25 @@ def checked_weights(
     """The motion, its ``length`` checked, and ``weights``, 0 from frame ``length`` on; None where
     all count.
 
-    **Raises:** ``ValueError`` for weights that are neither f[T] nor f[T, J]; as ``counted``.
+    **Raises:** ``ValueError`` for weights that are neither f[T] nor f[T, J], weights and motions
+    known to be wrong; as ``counted``. What is traced, the smoothers look at.
     """
     frames, joints = motion.num_frames, motion.num_joints
     if weights is not None:
-        weights = jnp.asarray(weights, motion.dtype)
+        given, weights = known(weights), jnp.asarray(weights, motion.dtype)
         if weights.shape not in ((frames,), (frames, joints)):
             raise ValueError(
                 f"weights have shape {weights.shape}; expected ({frames},) or ({frames}, {joints})"
             )
-    if length is None:
-        return motion, weights
-    count, motion = counted(f"{caller}: length", length, frames, motion)
-    return motion, counted_weights(weights, count, frames, motion.dtype)
+        if not traced(given):
+            wrong = ~((given >= 0) & (given < np.inf)).all()
+            require(None, wrong, f"{caller}: weights must be finite and >= 0", got=given)
+    if length is not None:
+        count, motion = counted(f"{caller}: length", length, frames, motion)
+        weights = counted_weights(weights, count, frames, motion.dtype)
+    for name in ("rotations", "translations"):
+        check_finite(f"{caller}: {name}", getattr(motion, name), weights)
+    return motion, weights
 
 
 @compiled

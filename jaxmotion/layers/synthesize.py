@@ -27,6 +27,7 @@ from jaxmotion.layers.decompose import (
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.smoothing import outlier_weights
+from jaxmotion.smoothing.lgs import check_positive
 
 
 def synthesize(
@@ -119,6 +120,9 @@ def denoise(
     """
     check_method(method, "denoise")
     motion, weights = checked_weights(motion, weights, length, "denoise")
+    for name, value in (("lam", lam), ("sigma", sigma)):
+        if value is not None:
+            check_positive(f"denoise: {name}", value)
     if robust:
         weights = outlier_weights(motion, weights=weights)
     kept = 1.0 - jnp.asarray(strength, motion.dtype)

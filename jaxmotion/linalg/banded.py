@@ -13,8 +13,8 @@ Shapes: ``bands (n, w + 1)`` shared by all channels of ``b (n, *channels)``, or 
 with each axis of ``k`` equal to that channel axis or 1. The bandwidth w is static and small: the
 recursions over it are unrolled. Cost O(n w^2) to factor, O(n w) per channel to solve.
 
-Sharp bits: P must be positive definite, else a pivot turns up that is not positive: an error with
-``throw=True``; with ``throw=False`` it is left in the factor, and ``log det P`` is not a number.
+Sharp bits: P must be positive definite, else an error with ``throw=True`` and a not-a-number result
+with ``throw=False``.
 Digits are lost as the condition of P: a float32 solve with second differences of weight 1e4 is
 worthless, and ``difference_chain`` is the solver for those. Differentiable in bands and right-hand
 side, in both modes and to any order; solving and log-determinant have implicit derivatives (one
@@ -27,40 +27,38 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from jaxmotion._checks import raise_faults
+from jaxmotion._checks import require
 from jaxmotion._types import AnyArray
+
+_INDEFINITE = "bands: the banded matrix is not positive definite"
 
 
 class BandedFactor(eqx.Module):
     """``P = L D L^T``, L unit lower triangular, D diagonal.
 
     **Fields:** ``multipliers``: f[n, w, *k], ``multipliers[j, i-1] = L[j + i, j]``; ``pivots``:
-    f[n, *k], ``pivots[j] = D_jj > 0``.
+    f[n, *k], ``pivots[j] = D_jj > 0``, not a number where P is not positive definite.
     """
 
     multipliers: Float[Array, "n w *k"]
     pivots: Float[Array, "n *k"]
 
 
-@partial(jax.jit, static_argnames="throw")
 def banded_factor(bands: Float[Array, "n band *k"], *, throw: bool = True) -> BandedFactor:
     """Factor ``P = L D L^T``.
 
     O(n w²). Differentiable, as a scan of length n.
 
     **Arguments:** ``bands``: f[n, w + 1, *k], P, see the module; ``throw``: whether a P that is not
-    positive definite is an error; else look whether all pivots are positive.
+    positive definite is an error, else its pivots are not numbers.
     **Returns:** :class:`BandedFactor`.
-    **Raises:** with ``throw``, at run time when P is not positive definite.
+    **Raises:** with ``throw``, ``ValueError`` when P is not positive definite, at run time when it
+    is traced.
     """
-    factor = _factor(bands)
-    if throw:
-        bad = ~jnp.all(factor.pivots > 0)
-        message = "bands: the banded matrix is not positive definite"
-        factor = raise_faults(factor, [(bad, message)])
-    return factor
+    factor, indefinite = _factor(bands)
+    return require(factor, indefinite, f"banded_factor: {_INDEFINITE}") if throw else factor
 
 
 @jax.jit
@@ -81,7 +79,6 @@ def banded_matvec(bands: Float[Array, "n band *k"], x: Float[Array, "n *channels
     return total
 
 
-@partial(jax.jit, static_argnames="throw")
 def banded_solve(
     bands: Float[Array, "n band *k"], b: Float[Array, "_ *channels"], *, throw: bool = True
 ) -> Array:
@@ -92,12 +89,23 @@ def banded_solve(
 
     **Arguments:** ``bands``: f[n, w + 1] or f[n, w + 1, *k], P; ``b``: f[n, *channels]; ``throw``:
     as :func:`banded_factor`.
-    **Returns:** f[n, *channels].
+    **Returns:** f[n, *channels], not a number where P is not positive definite.
     **Raises:** ``ValueError`` for shapes that do not fit; as :func:`banded_factor`.
     """
-    bands, b = _aligned(bands, b)
-    factor = banded_factor(lax.stop_gradient(bands), throw=throw)
+    bands, factor, indefinite = _aligned_factor(bands, b)
+    if throw:  # of the factor, which is smaller than what is solved for
+        factor = require(factor, indefinite, f"banded_solve: {_INDEFINITE}")
+    return _solve(bands, factor, b)
 
+
+@jax.jit
+def _aligned_factor(bands: Array, b: Array) -> tuple[Array, BandedFactor, Bool[Array, ""]]:
+    bands, _ = _aligned(bands, b)
+    return bands, *_factor(lax.stop_gradient(bands))
+
+
+@jax.jit
+def _solve(bands: Array, factor: BandedFactor, b: Array) -> Array:
     def solve(_, b):
         return _substitute(factor, b)
 
@@ -113,14 +121,14 @@ def banded_log_det(bands: Float[AnyArray, "n band *k"]) -> Array:
     **Arguments:** ``bands``: f[n, w + 1, *k], P.
     **Returns:** f[*k]; not a number when P is not positive definite.
     """
-    return jnp.sum(jnp.log(_factor(bands).pivots), axis=0)
+    return jnp.sum(jnp.log(_factor(bands)[0].pivots), axis=0)
 
 
 @banded_log_det.defjvp
 def _banded_log_det_jvp(primals, tangents):
     (bands,), (change,) = primals, tangents
     inside = _inside(bands)
-    inverse = banded_selected_inverse(_factor(bands))
+    inverse = banded_selected_inverse(_factor(bands)[0])
     rate = jnp.where(inside, change * inverse, 0)
     return banded_log_det(bands), jnp.sum(2 * rate, axis=(0, 1)) - jnp.sum(rate[:, 0], axis=0)
 
@@ -156,8 +164,9 @@ def banded_selected_inverse(factor: BandedFactor) -> Float[Array, "n band *k"]:
 
 
 @jax.jit
-def _factor(bands: Float[Array, "n band *k"]) -> BandedFactor:
-    """Right-looking elimination; the carry holds what earlier columns take off the next w ones."""
+def _factor(bands: Float[Array, "n band *k"]) -> tuple[BandedFactor, Bool[Array, ""]]:
+    """Right-looking elimination; the carry holds what earlier columns take off the next w ones.
+    And whether some P is not positive definite."""
     w = bands.shape[1] - 1
 
     def column(owed, band):
@@ -180,7 +189,9 @@ def _factor(bands: Float[Array, "n band *k"]) -> BandedFactor:
     bands = jnp.where(_inside(bands), bands, 0)
     zero = jnp.zeros_like(bands[0, 0])
     start = [[zero] * (w - c) for c in range(w)]
-    return BandedFactor(*lax.scan(column, start, bands)[1])
+    lower, pivots = lax.scan(column, start, bands)[1]
+    definite = jnp.all(pivots > 0, axis=0)
+    return BandedFactor(lower, jnp.where(definite, pivots, jnp.nan)), ~jnp.all(definite)
 
 
 @jax.jit

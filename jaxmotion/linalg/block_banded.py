@@ -35,7 +35,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import raise_faults
+from jaxmotion._checks import require
 
 _LARGEST_UNROLLED = 4
 
@@ -61,14 +61,20 @@ def block_banded_factor(
     **Arguments:** ``blocks``: f[T, w + 1, d, d, *k], P, see the module; ``throw``: whether a P that
     is not positive definite is an error, else the factor is not a number.
     **Returns:** :class:`BlockBandedFactor`.
-    **Raises:** with ``throw``, at run time when P is not positive definite.
+    **Raises:** with ``throw``, ``ValueError`` when P is not positive definite, at run time when it
+    is traced.
     """
+    return _checked_factor(blocks, throw, "block_banded_factor")
+
+
+def _checked_factor(
+    blocks: Float[Array, "time band d d *k"], throw: bool, caller: str
+) -> BlockBandedFactor:
     factor = _factor(blocks)
-    if throw:
-        bad = ~jnp.all(jnp.isfinite(factor.roots))
-        message = "blocks: the block-banded matrix is not positive definite"
-        factor = raise_faults(factor, [(bad, message)])
-    return factor
+    if not throw:
+        return factor
+    message = f"{caller}: blocks: the block-banded matrix is not positive definite"
+    return require(factor, ~jnp.all(jnp.isfinite(factor.roots)), message)
 
 
 def block_banded_matvec(
@@ -109,7 +115,7 @@ def block_banded_solve(
     **Raises:** ``ValueError`` for shapes that do not fit; as :func:`block_banded_factor`.
     """
     blocks = _aligned(blocks, b)
-    factor = block_banded_factor(lax.stop_gradient(blocks), throw=throw)
+    factor = _checked_factor(lax.stop_gradient(blocks), throw, "block_banded_solve")
 
     def solve(_, b):
         return block_banded_substitute(factor, b)

@@ -19,10 +19,20 @@ def components(a: Float[AnyArray, "... n"], size: int, name: str) -> tuple[Array
 
     **Raises:** ``ValueError`` that calls the array ``name`` unless n is ``size``.
     """
+    return tuple(jnp.unstack(ending_in(a, (size,), name), axis=-1))
+
+
+def ending_in(a: Float[AnyArray, "..."], axes: tuple[int, ...], name: str) -> Array:
+    """``a`` as an array.
+
+    **Raises:** ``ValueError`` that calls the array ``name`` unless ``axes`` are its last axes.
+    """
     a = jnp.asarray(a)
-    if a.shape[-1:] != (size,):
-        raise ValueError(f"{name} must have shape (..., {size}), got {a.shape}")
-    return tuple(jnp.unstack(a, axis=-1))
+    if a.shape[-len(axes) :] != axes:
+        raise ValueError(
+            f"{name} must have shape (..., {', '.join(map(str, axes))}), got {a.shape}"
+        )
+    return a
 
 
 def leading_axis(axis: int, shape: tuple[int, ...], caller: str) -> int:
@@ -78,8 +88,9 @@ def normalize(q: Quaternion) -> Quaternion:
 
     **Arguments:** ``q``: f[..., 4].
     **Returns:** f[..., 4], unit.
+    **Raises:** ``ValueError`` where the last axis is not 4.
     """
-    q = jnp.asarray(q)
+    q = ending_in(q, (4,), "normalize: q")
     norm = safe_norm(q, keepdims=True)
     zero = norm == 0
     unit = q / jnp.where(zero, 1.0, norm)

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion._numerics import safe_arctan2, safe_norm, safe_sqrt
 from jaxmotion._types import Angles, Matrix3, Quaternion, Rotation6d
-from jaxmotion.quaternion.algebra import components, multiply
+from jaxmotion.quaternion.algebra import components, ending_in, multiply
 from jaxmotion.quaternion.parts import together
 
 
@@ -50,10 +50,10 @@ def from_matrix(m: Matrix3) -> Quaternion:
 
     **Arguments:** ``m``: f[..., 3, 3], acting on column vectors.
     **Returns:** f[..., 4], unit.
-    **Raises:** ``ValueError`` where the last axis is not 3.
+    **Raises:** ``ValueError`` where the last two axes are not 3 and 3.
     """
-    m = jnp.asarray(m)
-    (a, b, c), (d, e, f), (g, h, i) = (components(m[..., r, :], 3, "m") for r in range(3))
+    m = ending_in(m, (3, 3), "from_matrix: m")
+    (a, b, c), (d, e, f), (g, h, i) = (jnp.unstack(m[..., r, :], axis=-1) for r in range(3))
     squares = jnp.stack([1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i])
     candidates = jnp.stack(
         [
@@ -88,8 +88,9 @@ def from_rotation_6d(columns: Rotation6d) -> Quaternion:
 
     **Arguments:** ``columns``: f[..., 6], two vectors of three, neither zero nor parallel.
     **Returns:** f[..., 4], unit.
+    **Raises:** ``ValueError`` where the last axis is not 6.
     """
-    columns = jnp.asarray(columns)
+    columns = ending_in(columns, (6,), "from_rotation_6d: columns")
     first, second = columns[..., :3], columns[..., 3:]
     x = first / safe_norm(first, keepdims=True)
     across = second - jnp.sum(x * second, -1, keepdims=True) * x
@@ -124,8 +125,11 @@ def to_euler(q: Quaternion, order: str = "ZXY", *, unwrap: bool = False) -> Angl
     **Returns:** f[..., 3], radians; without ``unwrap`` the middle angle is in [−π/2, π/2]
     (Tait–Bryan) or [0, π], the others in [−π, π]. In gimbal lock the last intrinsic (first
     extrinsic) angle is 0.
-    **Raises:** ``ValueError`` for an order that is not one of the 24, or a last axis that is not 4.
+    **Raises:** ``ValueError`` for an order that is not one of the 24, a last axis that is not 4, or
+    an ``unwrap`` of one quaternion without time.
     """
+    if unwrap and jnp.ndim(q) < 2:
+        raise ValueError(f"to_euler: unwrap needs q of shape (time, ..., 4), got {jnp.shape(q)}")
     i, j, k, extrinsic = _axes(order)
     if not extrinsic:
         i, k = k, i

@@ -23,7 +23,7 @@ from jaxtyping import Array, Float
 from jaxmotion._checks import one_of
 from jaxmotion._numerics import rounding_angle, safe_norm, safe_sqrt, series_switch
 from jaxmotion._types import ArrayLike, Quaternion
-from jaxmotion.quaternion.algebra import between, leading_axis, multiply, normalize
+from jaxmotion.quaternion.algebra import between, ending_in, leading_axis, multiply, normalize
 from jaxmotion.quaternion.explog import exp, log
 from jaxmotion.quaternion.interpolate import slerp
 
@@ -46,8 +46,8 @@ def mean(
     not the last; ``method``: "karcher", "recursive" or "chordal", see the module.
     **Returns:** q's shape without ``axis``, on the hemisphere of the first sample ("recursive"
     begins there).
-    **Raises:** ``ValueError`` for an unknown method, an axis that is none before the last, or no
-    samples.
+    **Raises:** ``ValueError`` for an unknown method, a last axis that is not 4, an axis that is
+    none before the last, or no samples.
     """
     one_of("mean: method", method, ("karcher", "recursive", "chordal"))
     samples, w = _samples(q, weights, axis)
@@ -87,7 +87,7 @@ _mean = mean  # ``std`` has an argument of that name
 
 def _samples(q, weights, axis):
     """Samples along axis 0 and weights that sum to 1 along it, of the samples' batch rank."""
-    q = jnp.asarray(q)
+    q = ending_in(q, (4,), "mean, std: q")
     axis = leading_axis(axis, q.shape, "mean, std")
     if q.shape[axis] == 0:
         raise ValueError(f"mean, std: q of shape {q.shape} has no samples along axis {axis}")

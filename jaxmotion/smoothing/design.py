@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jaxmotion._checks import Fault, known, traced
+from jaxmotion._checks import Fault, fault, known, traced
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg.chain_covariance import Knowledge
@@ -140,6 +140,45 @@ def observe(
     return found, faults
 
 
+def check_finite(name: str, y: ArrayLike, weights: ArrayLike | None) -> None:
+    """``ValueError`` that calls the data ``name`` where they are known not to be finite at positive
+    weight f[Nd] or f[Nd, *k]. What is traced, the smoother itself looks for when it runs."""
+    if traced(y, weights):
+        return
+    y = np.asarray(y)
+    finite = np.isfinite(y)
+    if finite.all():
+        return
+    odd = ~finite
+    if weights is not None:
+        w = np.asarray(weights)
+        odd &= w.reshape(w.shape + (1,) * (y.ndim - w.ndim)) > 0
+    if odd.any():
+        place = ", ".join(map(str, np.argwhere(odd)[0]))
+        raise ValueError(
+            f"{name} holds NaN or infinite values, at [{place}] first (give missing data weight 0)"
+        )
+
+
+def check_known(
+    name: str,
+    y: ArrayLike,
+    weights: ArrayLike | None,
+    index: ArrayLike | None = None,
+    num_frames: int | None = None,
+    order: Literal[1, 2] = 2,
+) -> None:
+    """``ValueError`` for what is known to be wrong with data f[Nd, *channels] and weights f[Nd] or
+    f[Nd, *k], for those who smooth inside of a compiled function."""
+    if all(x is None or traced(x) for x in (y, weights, index)):
+        return
+    if weights is not None and np.ndim(weights) > 1:
+        weights = known(weights)
+        weights = weights.reshape(weights.shape + (1,) * (np.ndim(y) - weights.ndim))
+    observe(index, num_frames, weights, np.shape(y), jnp.asarray(y).dtype, null_space=order)
+    check_finite(name, y, weights)
+
+
 def _frame_count(index: ArrayLike | None, num_frames: int | None, data: int) -> int:
     if data == 0:
         raise ValueError("y has no data: want at least one frame")
@@ -194,11 +233,7 @@ def _checked_weights(
             f"weights have shape {shape}: want ({data_shape[0]},) or an array that broadcasts "
             f"over the channels of y, {data_shape}"
         )
-    message = "weights must be finite and >= 0"
-    if traced(w):
-        faults.append((~jnp.all((w >= 0) & jnp.isfinite(w)), message))
-    elif not (np.all(w >= 0) and np.all(np.isfinite(w))):
-        raise ValueError(message)
+    faults += fault(~((w >= 0) & (w < np.inf)).all(), "weights must be finite and >= 0")
     return w
 
 

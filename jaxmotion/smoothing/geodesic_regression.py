@@ -39,10 +39,9 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import Fault, one_of, raise_faults
-from jaxmotion._numerics import safe_norm
+from jaxmotion._checks import Fault, fault, known, one_of, raise_faults
 from jaxmotion._portable import Portable
-from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
+from jaxmotion._types import AnyArray, ArrayLike, Quaternion, ScalarLike
 from jaxmotion.linalg.block_banded import (
     BlockBandedFactor,
     block_banded_factor,
@@ -61,6 +60,7 @@ from jaxmotion.smoothing.design import Design, Observations, observe
 from jaxmotion.smoothing.losses import BEND, slack, slope
 
 _MAX_STEPS = 256
+_UNIT = 1e-3  # how far from 1 a norm may be
 
 
 class _Problem(eqx.Module):
@@ -251,22 +251,23 @@ def geodesic(
     "cauchy" bound the pull of outliers; ``throw``: whether not converging is an error (else look at
     ``converged``), and a derivative where there is none (else NaN).
     **Returns:** :class:`GeodesicPosterior`, in q's dtype.
-    **Raises:** ``ValueError`` for shapes and options that do not fit and known bad values; at run
-    time for q not unit or NaN at positive weight, lam or sigma not positive, data at fewer than two
-    distinct frames (one for order 1), and as ``throw`` says.
+    **Raises:** ``ValueError`` for shapes and options that do not fit and for values known to be
+    wrong; at run time for traced ones: q not unit or NaN at positive weight, lam or sigma not
+    positive, data at fewer than two distinct frames (one for order 1). At run time as ``throw``
+    says.
     """
-    q = jnp.asarray(q)
+    given, q = known(q), jnp.asarray(q)
     if q.ndim < 2 or q.shape[-1] != 4:
         raise ValueError(f"geodesic: q must have shape (Nd, J, 4) or (Nd, 4), got {q.shape}")
     one_of("geodesic: loss", loss, ("l2", *BEND))
     joints = q.shape[1:-1]
     seen, faults = observe(index, num_frames, weights, q.shape[:-1], q.dtype, null_space=order)
-    present = jnp.ones((), bool) if seen.weights is None else seen.weights > 0
-    unit = jnp.abs(safe_norm(q) - 1) <= 1e-3
-    odd = jnp.any(present & ~unit)
+    present = _present(weights, q.shape[:-1])
+    squared = (given * given).sum(-1)
+    unit = (squared >= (1 - _UNIT) ** 2) & (squared <= (1 + _UNIT) ** 2)
     message = "geodesic: q holds NaN or quaternions that are not unit"
-    q = raise_faults(q, [*faults, (odd, message)])
-    q = quaternion.normalize(jnp.where(jnp.broadcast_to(present, unit.shape)[..., None], q, 1.0))
+    q = raise_faults(q, faults + fault((present & ~unit).any(), message))
+    q = quaternion.normalize(jnp.where(present[..., None], q, 1.0))
     trusted = None if weights is None else jnp.asarray(weights, q.dtype)
     start = chordal(q, lam, sigma, Design(index, num_frames, order, scale), weights=trusted)
     lam, sigma = (jnp.asarray(value, q.dtype) for value in (lam, sigma))
@@ -283,6 +284,12 @@ def geodesic(
         loss,
     )
     return _solve(problem, throw, joints)
+
+
+def _present(weights: ArrayLike | None, shape: tuple[int, ...]) -> Bool[AnyArray, "data *joints"]:
+    """Where there is a datum: NumPy's, unless the weights are traced."""
+    w = known(np.ones(shape[:1]) if weights is None else weights)
+    return (w.reshape(w.shape + (1,) * (len(shape) - w.ndim)) > 0) & known(np.ones(shape, bool))
 
 
 @eqx.filter_jit

@@ -61,7 +61,7 @@ from jaxmotion.linalg import (
     parallel_chain_smooth,
 )
 from jaxmotion.linalg.parallel_chain import lost_digits
-from jaxmotion.smoothing.design import Observations, observe
+from jaxmotion.smoothing.design import Observations, check_finite, observe
 
 
 class Posterior(Portable):
@@ -182,11 +182,12 @@ def lgs(
 
     **Returns:** :class:`Posterior`, in y's dtype.
     **Raises:** ``ValueError`` for wrong shapes and options and for values known to be wrong; at run
-    time for traced ones (:func:`jaxmotion.checks`): lam, sigma not positive, weights negative,
-    index outside the frames, data at fewer than two distinct frames (one for order 1). At run time,
-    known or not: stiffness not positive, NaN in y at positive weight.
+    time for traced ones (:func:`jaxmotion.checks`): lam, sigma, stiffness not positive, weights
+    negative, index outside the frames, data at fewer than two distinct frames (one for order 1),
+    NaN in y at positive weight. At run time, known or not: a lam * sigma that the dtype cannot
+    hold.
     """
-    y = _checked_data(y)
+    given, y = y, _checked_data(y)
     channels = y.shape[1:]
     one_of("order", order, (1, 2))
     one_of("scale", scale, ("half", "unit"))
@@ -195,6 +196,7 @@ def lgs(
     lam = _checked_parameter("lam", lam, channels, y.dtype)
     sigma = _checked_parameter("sigma", sigma, channels, y.dtype)
     seen, faults = observe(index, num_frames, weights, y.shape, y.dtype, null_space=order)
+    check_finite("y", given, weights)
     if stiffness is not None:
         stiffness = _checked_stiffness(stiffness, seen.num_frames, channels, y.dtype)
     return _lgs(y, lam, sigma, stiffness, seen, faults, order, scale, shared, parallel)
@@ -318,6 +320,7 @@ def _checked_stiffness(
     value: ArrayLike, frames: int, channels: tuple[int, ...], dtype: jnp.dtype
 ) -> Array:
     """``value`` as an array with an axis for the frames and one for each channel axis."""
+    check_positive("stiffness", value)
     value = jnp.asarray(value, dtype)
     shape = value.shape
     if value.ndim == 1:
@@ -337,10 +340,7 @@ def _checked_parameter(
     name: str, value: ArrayLike, channels: tuple[int, ...], dtype: jnp.dtype
 ) -> Array:
     """``value`` as an array with one axis for each channel axis."""
-    if not traced(value):  # else one check for all, in _lgs
-        number = known(value)
-        wrong = not np.all((number > 0) & np.isfinite(number))
-        require(value, wrong, f"{name} must be positive and finite", got=value)
+    check_positive(name, value)
     value = jnp.asarray(value, dtype)
     padded = (1,) * (len(channels) - value.ndim) + value.shape
     if len(padded) != len(channels) or any(
@@ -351,3 +351,11 @@ def _checked_parameter(
             f"channels of y, {channels}"
         )
     return value.reshape(padded)
+
+
+def check_positive(name: str, value: ArrayLike) -> None:
+    """``ValueError`` for a parameter known not to be; of all that is traced, lgs has one check."""
+    if not traced(value):
+        number = known(value)
+        wrong = not np.all((number > 0) & np.isfinite(number))
+        require(value, wrong, f"{name} must be positive and finite", got=value)

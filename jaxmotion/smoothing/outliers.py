@@ -32,6 +32,7 @@ from jaxmotion._checks import one_of
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
+from jaxmotion.smoothing.design import check_known
 from jaxmotion.smoothing.lgs import lgs
 from jaxmotion.smoothing.losses import BEND, Loss, slope
 from jaxmotion.smoothing.tuning import tune_signal
@@ -62,10 +63,12 @@ def outlier_weights(
     **Returns:** f[T, J] in [0, 1] times ``weights`` (f[T] for a single channel); of a motion's
     joint, the lesser of its rotation's and its translation's.
     **Raises:** ``ValueError`` for an unknown loss or shape; as :func:`~jaxmotion.smoothing.lgs` for
-    bad data.
+    bad data and weights.
     """
     one_of("outlier_weights: loss", loss, BEND)
     if isinstance(y, Motion):
+        for name in ("rotations", "translations"):
+            check_known(f"outlier_weights: {name}", getattr(y, name), weights, order=order)
         rotations, translations = jnp.asarray(y.rotations), jnp.asarray(y.translations)
         given = _given(weights, translations)
         trusted = _reweighted(rotations, given, loss, order, True)
@@ -77,6 +80,7 @@ def outlier_weights(
     y = jnp.asarray(y)
     if y.ndim not in (1, 3):
         raise ValueError(f"outlier_weights: y has shape {y.shape}; expected (T, J, C) or (T,)")
+    check_known("outlier_weights: y", y, weights, order=order)
     grouped = y.reshape(y.shape[0], -1, y.shape[-1] if y.ndim == 3 else 1)
     found = _reweighted(grouped, _given(weights, grouped), loss, order, False)
     return found if y.ndim == 3 else found[:, 0]

@@ -35,7 +35,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import known, one_of, raise_faults, require
+from jaxmotion._checks import known, one_of, require
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg.difference_chain import (
@@ -153,7 +153,6 @@ class StreamingSmoother(eqx.Module):
             jnp.zeros((), jnp.int32),
         )
 
-    @jax.jit
     def step(
         self, state: StreamState, frame: ArrayLike, weight: ArrayLike = 1.0
     ) -> tuple[StreamState, Float[Array, "*channels"]]:
@@ -163,30 +162,15 @@ class StreamingSmoother(eqx.Module):
         ``weight``: ≥ 0, divides the noise variance; 0, or any NaN or infinity among the channels
         that share it, means a missing frame; a scalar, or as in ``init``.
         **Returns:** the next state, and f[*channels].
-        **Raises:** ``ValueError`` for shapes and dtypes that do not fit; at run time for a weight
-        that is negative or not finite.
+        **Raises:** ``ValueError`` for shapes and dtypes that do not fit, and a weight that is
+        negative or not finite; at run time for a traced one.
         """
-        frame = self._as_frame(frame)
-        if frame.shape != state.level.shape or frame.dtype != state.level.dtype:
-            raise ValueError(
-                f"frame is {frame.dtype} {frame.shape}: the stream has {state.level.dtype} "
-                f"{state.level.shape}"
-            )
-        given = jnp.asarray(weight)
-        odd = ~jnp.all((given >= 0) & jnp.isfinite(given))
-        weight = self._weight(weight, frame, state.curvature.shape)
-        frame = jnp.where(weight > 0, frame, state.reference)
-        if self.rotations:
-            flip = jnp.sum(frame * state.reference, -1, keepdims=True) < 0
-            frame = jnp.where(flip, -frame, frame)
-        state = _observe(_advance(state), frame, weight)
-        x, v = _filtered(state)
-        u, w = state.gains
-        late = self._finish(state.level + state.offset[0] + u[0] * x + w[0] * v)
-        # Everything that the stream returns from here on is relative to its level.
-        faults = [(odd, "weight must be finite and >= 0")]
-        level, late = raise_faults((state.level, late), faults)
-        return eqx.tree_at(lambda s: s.level, state, level), late
+        given = known(weight)
+        odd = ~((given >= 0) & (given < np.inf)).all()
+        message = "StreamingSmoother.step: weight must be finite and >= 0"
+        # Everything that the stream returns is relative to its level.
+        level = require(state.level, odd, message, got=weight)
+        return _step(self, state, level, frame, weight)
 
     @jax.jit
     def flush(self, state: StreamState) -> Float[Array, "lag *channels"]:
@@ -249,6 +233,32 @@ class StreamingSmoother(eqx.Module):
         whole = jnp.all(jnp.isfinite(frame), axis=shared, keepdims=True)
         w = self._spread(w, frame.ndim)
         return jnp.where(whole & (w > 0), w, 0)  # no derivative where nothing was seen
+
+
+@jax.jit
+def _step(
+    smoother: StreamingSmoother,
+    state: StreamState,
+    level: Array,
+    frame: ArrayLike,
+    weight: ArrayLike,
+) -> tuple[StreamState, Float[Array, "*channels"]]:
+    state = eqx.tree_at(lambda s: s.level, state, level)
+    frame = smoother._as_frame(frame)
+    if frame.shape != state.level.shape or frame.dtype != state.level.dtype:
+        raise ValueError(
+            f"frame is {frame.dtype} {frame.shape}: the stream has {state.level.dtype} "
+            f"{state.level.shape}"
+        )
+    weight = smoother._weight(weight, frame, state.curvature.shape)
+    frame = jnp.where(weight > 0, frame, state.reference)
+    if smoother.rotations:
+        flip = jnp.sum(frame * state.reference, -1, keepdims=True) < 0
+        frame = jnp.where(flip, -frame, frame)
+    state = _observe(_advance(state), frame, weight)
+    x, v = _filtered(state)
+    u, w = state.gains
+    return state, smoother._finish(state.level + state.offset[0] + u[0] * x + w[0] * v)
 
 
 def _advance(state: StreamState) -> StreamState:

@@ -35,6 +35,7 @@ from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
+from jaxmotion.smoothing.design import check_known
 from jaxmotion.smoothing.lgs import Posterior, lgs
 
 Criterion: TypeAlias = Literal["evidence", "gcv", "holdout"]
@@ -146,6 +147,7 @@ def tune_signal(
     channels = y.shape[1:]
     kept = {"clip": (), "joint": channels[:1], "channel": channels}[per]
     grouped = y.reshape(y.shape[0], int(np.prod(kept)), -1)
+    check_known("tune: y", y, weights, index, num_frames, order)
     weights = None if weights is None else jnp.asarray(weights, y.dtype)
     if weights is not None and weights.ndim > 1:
         spread = weights.reshape(weights.shape + (1,) * (y.ndim - weights.ndim))

@@ -19,6 +19,7 @@ A pairing is discrete: derivatives reach the copy through the poses that are rea
 
 from typing import Literal
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -70,14 +71,16 @@ def align(
 
     **Arguments:** ``source``, ``reference``: clips of one dtype with at least one joint name in
     common; ``method``: "dtw", or "warping" for the same action in another style; ``step_pattern``,
-    ``window``: of :func:`dtw`, which "warping" does not look at; ``settle``: m ≥ 0, frames of the
-    reference over which the source times are smoothed, 0 for the pairing as it is.
+    ``window``: of :func:`dtw`, not with "warping"; ``settle``: m ≥ 0, frames of the reference over
+    which the source times are smoothed, 0 for the pairing as it is.
     **Returns:** :class:`Alignment`.
-    **Raises:** ``ValueError`` for another method or step pattern, two dtypes, no common joints, a
-    negative ``settle``, or a step pattern and window that leave no path; at run time for the last
-    two when traced.
+    **Raises:** ``ValueError`` for another method or step pattern, either of ``step_pattern`` and
+    ``window`` with "warping", two dtypes, no common joints, a negative ``settle``, or a step
+    pattern and window that leave no path; at run time for the last two when traced.
     """
     one_of("align: method", method, ("dtw", "warping"))
+    if method == "warping" and (step_pattern != "symmetric" or window is not None):
+        raise ValueError("align: method='warping' takes no step_pattern= and no window=")
     frames = known(settle)
     negative = ~((frames >= 0) & (frames < np.inf))
     message = "align: settle must be 0 or more frames"
@@ -134,7 +137,7 @@ def _channels(x: Array, y: Array) -> tuple[Array, ...]:
     return tuple((q - jnp.mean(q, axis=0)).reshape(q.shape[0], -1) for q in (x, y))
 
 
-@jax.jit
+@eqx.filter_jit
 def _source_times(
     x: Float[Array, "source joint 4"],
     y: Float[Array, "reference joint 4"],

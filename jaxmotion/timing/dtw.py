@@ -85,7 +85,8 @@ def dtw(
       widened by their difference on the side of the longer one.
     - ``open_end``: True ends x at its last frame and y wherever it fits best; "either" lets
       whichever clip is exhausted first end the path.
-    - ``min_matched``: with an open end, fewest frames that must be matched of the clip left open.
+    - ``min_matched``: with an open end, fewest frames to match of the clip left open; at
+      most those of y, with "either" those of the longer clip (the shorter is then not left open).
     - ``normalize``: what the result's cost reports and what the open end minimises: "sum" along the
       path (default), "mean" over its cells (default with an open end) or "frames", the sum over the
       number of matched frames of both clips.
@@ -118,7 +119,9 @@ def _dtw(
 ) -> WarpPath:
     d = local_cost(x, y, cost, metric)
     n, m = d.shape
-    _check_options(open_end, min_matched, normalize, window, m)
+    _check_options(
+        open_end, min_matched, normalize, window, max(n, m) if open_end == "either" else m
+    )
     normalize = normalize or ("mean" if open_end else "sum")
     ragged = x_length is not None or y_length is not None
     if not (ragged or open_end or pattern.reaches(n, m)):
@@ -141,13 +144,15 @@ def _dtw(
     return WarpPath(_selected_cost(d, total, path, weights) / size, path, length)
 
 
-def _check_options(open_end, min_matched, normalize, window, m):
+def _check_options(open_end, min_matched, normalize, window, longest):
     one_of("open_end", open_end, (False, True, "either"))
     one_of("normalize", normalize, (None, "sum", "mean", "frames"))
     if window is not None and window < 0:
         raise ValueError(f"window={window}; want a radius in frames, 0 or more")
-    if not 1 <= min_matched <= m:
-        raise ValueError(f"min_matched={min_matched}; want 1 ... {m}")
+    if not 1 <= min_matched <= longest:
+        raise ValueError(f"dtw: min_matched={min_matched}; want 1 ... {longest}")
+    if min_matched > 1 and not open_end:
+        raise ValueError(f"dtw: min_matched={min_matched} is of an open end; give open_end= too")
 
 
 def _band(n, m, last_x, last_y, radius) -> Array:

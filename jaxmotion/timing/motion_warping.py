@@ -35,13 +35,14 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import raise_faults
+from jaxmotion._checks import fault, known, raise_faults
 from jaxmotion._portable import Portable
-from jaxmotion._types import AnyArray
+from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.linalg.pair_walk import Symmetric, solve_walk
 from jaxmotion.timing.frame_distance import frame_distance
 
@@ -98,7 +99,7 @@ def motion_warping(
     scale_smoothness: float = 1.0,
     offset_smoothness: float = 1.0,
     max_iterations: int = 100,
-    tolerance: float = 1e-4,
+    tolerance: ScalarLike = 1e-4,
     throw: bool = False,
 ) -> MotionWarp:
     """Align a source clip with a reference while scaling and shifting its channels over time.
@@ -116,17 +117,18 @@ def motion_warping(
     - ``scale_smoothness``: w_a > 0, weight of the first difference of the scale.
     - ``offset_smoothness``: w_b > 0, the same for the offset. What the normal equations have no
       digits for, below 16 m √ε of the dtype, is refused.
-    - ``max_iterations``: most rounds of warp and fit.
-    - ``tolerance``: largest change of the scaled and shifted channels that counts as none, as a
-      share of their spread.
+    - ``max_iterations``: most rounds of warp and fit, at least 1.
+    - ``tolerance``: largest change of the scaled and shifted channels that counts as none, ≥ 0, as
+      a share of their spread.
     - ``throw``: whether still changing by more after ``max_iterations`` is an error (else look at
       ``converged``).
 
     **Returns:** :class:`MotionWarp`.
-    **Raises:** ``ValueError`` for shapes that do not fit, a slope too small for these lengths, or a
-    smoothness outside of what the dtype can solve; at run time for clips that are not finite, and
-    as ``throw`` says.
+    **Raises:** ``ValueError`` for shapes that do not fit, a slope too small for these lengths, a
+    smoothness outside of what the dtype can solve, no iterations, a negative ``tolerance``, or
+    clips that are not finite; at run time for the last two when traced, and as ``throw`` says.
     """
+    finite = [(abs(known(x)) < np.inf).all() for x in (source, reference)]
     source, reference = jnp.asarray(source), jnp.asarray(reference)
     num_source, num_reference = source.shape[0], reference.shape[0]
     fits = source.ndim == 2 and source.shape[1:] == reference.shape[1:]
@@ -144,6 +146,15 @@ def motion_warping(
             f"scale_smoothness={scale_smoothness}, offset_smoothness={offset_smoothness}; want both"
             f" from {least:.1g} to {most:.1g}, which {source.dtype} can solve with slope {m}"
         )
+    if not (isinstance(max_iterations, (int, np.integer)) and max_iterations >= 1):
+        raise ValueError(
+            f"motion_warping: max_iterations={max_iterations}; want a whole number of at least 1"
+        )
+    faults = fault(~(finite[0] & finite[1]), "motion_warping: source and reference must be finite")
+    share = known(tolerance)
+    message = "motion_warping: tolerance must be a share of 0 or more"
+    faults += fault(~((share >= 0) & (share < np.inf)), message, got=tolerance)
+    source, reference = raise_faults((source, reference), faults)
     weights = jnp.asarray(smoothness, source.dtype)
     enough = jnp.asarray(tolerance, source.dtype)
     warp = _warp(source, reference, shared, m, weights, max_iterations, enough)
@@ -163,9 +174,6 @@ def _warp(
     max_iterations: int,
     tolerance: Float[Array, ""],
 ) -> MotionWarp:
-    odd = ~(jnp.all(jnp.isfinite(source)) & jnp.all(jnp.isfinite(reference)))
-    message = "motion_warping: source and reference must be finite"
-    source, reference = raise_faults((source, reference), [(odd, message)])
     unit = _power_of_two_below(source - source[0], reference - source[0])
     z, target, origin = _about_the_mean(source / unit, reference / unit)
     fixed = lax.stop_gradient((z, target))
@@ -235,12 +243,12 @@ def unwarp(
 def _slope_that_fits(slope, num_source, num_reference) -> int:
     steepest = max(num_source / num_reference, num_reference / num_source)
     m = max(2, math.ceil(steepest)) if slope is None else slope
-    if m < 1 or steepest > m:
+    if not isinstance(m, (int, np.integer)) or m < 1 or steepest > m:
         raise ValueError(
-            f"slope={slope}; want at least {math.ceil(steepest)} to warp {num_source} frames"
-            f" onto {num_reference}"
+            f"slope={slope}; want at least {math.ceil(steepest)}, whole, to warp {num_source}"
+            f" frames onto {num_reference}"
         )
-    return m
+    return int(m)
 
 
 def _descend(s, r, m, smoothness, max_iterations, tolerance):

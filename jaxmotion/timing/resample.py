@@ -180,6 +180,8 @@ def read_motion(
             f"smoothing has shape {np.shape(smoothing)}; expected a scalar or "
             f"({motion.num_joints},), one a joint"
         )
+    if method != "lgs" and (traced(smoothing) or np.any(known(smoothing) != 0)):
+        raise ValueError(f"resample: method={method!r} takes no smoothing=, only 'lgs' does")
     given, smoothing = smoothing, jnp.asarray(smoothing, motion.dtype)
     negative = ~(known(given) >= 0).all()
     motion = require(motion, negative, "resample: smoothing must be λσ of 0 or more", got=given)

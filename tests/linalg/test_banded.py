@@ -1,11 +1,13 @@
 """Banded systems against dense linear algebra."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
 
+from jaxmotion import checks
 from jaxmotion.linalg import (
     banded_factor,
     banded_log_det,
@@ -122,3 +124,25 @@ def test_refuses_what_is_not_positive_definite():
 def test_refuses_shapes_that_do_not_fit(b_shape):
     with pytest.raises(ValueError, match="do not fit"):
         banded_solve(jnp.ones((5, 3, 3)), jnp.ones(b_shape))
+
+
+@pytest.mark.parametrize("width", [1, 2, 3])
+def test_an_indefinite_matrix_is_a_value_error_or_not_a_number(width):
+    """The solution was once finite; and eager errors those of a callback."""
+    _, bands = random_bands(6, width - 1)
+    bands = np.stack([bands, bands], axis=-1)
+    bands[3, 0, 1] = -1.0
+    bands, b = jnp.asarray(bands), jnp.ones((6, 2))
+    for f in (banded_factor, lambda bands, throw=True: banded_solve(bands, b, throw=throw)):
+        with pytest.raises(ValueError, match=r"^banded_.*: bands: .* is not positive definite"):
+            f(bands)
+        traced = eqx.filter_jit(f)
+        with pytest.raises(eqx.EquinoxRuntimeError, match=r"bands: .* is not positive definite"):
+            traced(bands)
+        with checks("nan"):
+            assert jnp.isnan(jax.tree.leaves(traced(bands))[-1]).all()
+        found = jax.tree.leaves(f(bands, throw=False))[-1]
+        assert jnp.isfinite(found[:, 0]).all()
+        assert jnp.isnan(found[:, 1]).all()
+    inverse = banded_selected_inverse(banded_factor(bands, throw=False))
+    assert jnp.isnan(inverse[:, 0, 1]).all()

@@ -171,3 +171,11 @@ def test_shapes_that_do_not_fit_are_named():
     for wrong in [(4, 2, 2), (5, 3, 2), (4, 3, 3), (4, 3)]:
         with pytest.raises(ValueError, match=r"do not fit the right-hand side"):
             block_banded_solve(blocks, jnp.ones(wrong))
+
+
+def test_what_is_known_to_be_indefinite_is_a_value_error():
+    blocks = -jnp.ones((3, 1, 1, 1))
+    with pytest.raises(ValueError, match=r"^block_banded_factor: blocks: .* not positive definite"):
+        block_banded_factor(blocks)
+    with pytest.raises(ValueError, match=r"^block_banded_solve: blocks: .* not positive definite"):
+        block_banded_solve(blocks, jnp.ones((3, 1)))

@@ -17,6 +17,7 @@ from tests.helpers import (
     assert_jit_and_vmap_agree,
     assert_same_rotation,
     check_gradients,
+    no_shape_checks,
     random_quaternions,
     scipy_rotation,
 )
@@ -248,3 +249,27 @@ def test_orders_that_do_not_exist(order):
     for convert in (qt.from_euler, qt.to_euler):
         with pytest.raises(ValueError, match=r"order='.*'; expected three of X, Y, Z"):
             convert(jnp.ones(3 if convert is qt.from_euler else 4), order)
+
+
+def test_shapes_that_are_no_rotations_are_refused_by_name():
+    """Rows were once clamped: two of them gave a wrong unit quaternion."""
+    m, columns, q = np.eye(3), np.ones(6), np.ones((2, 4))
+    calls = [
+        (
+            qt.from_matrix,
+            (m[:2],),
+            r"from_matrix: m must have shape \(\.\.\., 3, 3\), got \(2, 3\)",
+        ),
+        (qt.from_matrix, (np.ones((4, 3)),), r"from_matrix: m must have shape .* got \(4, 3\)"),
+        (qt.from_matrix, (m[0],), r"from_matrix: m must have shape .* got \(3,\)"),
+        (qt.from_rotation_6d, (columns[:5],), r"from_rotation_6d: columns must .* 6\), got \(5,\)"),
+        (qt.from_rotation_6d, (np.ones(()),), r"from_rotation_6d: columns must have shape"),
+        (qt.normalize, (q[:, :1],), r"normalize: q must have shape \(\.\.\., 4\), got \(2, 1\)"),
+        (qt.mean, (q[:, :3],), r"mean, std: q must have shape \(\.\.\., 4\), got \(2, 3\)"),
+        (qt.std, (q[:, :3],), r"mean, std: q must have shape \(\.\.\., 4\), got \(2, 3\)"),
+    ]
+    for function, given, message in calls:
+        with no_shape_checks(), pytest.raises(ValueError, match=message):
+            function(*given)
+    with pytest.raises(ValueError, match=r"to_euler: unwrap needs q of shape .*, got \(4,\)"):
+        qt.to_euler(q[0], unwrap=True)

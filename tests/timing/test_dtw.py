@@ -517,3 +517,19 @@ def test_distances_of_other_clips_compile_nothing(caplog):
     with jax.log_compiles(), caplog.at_level(logging.WARNING):
         frame_distance(*clips[2:])
     assert "Compiling" not in caplog.text
+
+
+def test_either_open_end_may_ask_for_as_many_frames_as_the_longer_clip_has():
+    """Once only y's were counted."""
+    x = np.linspace(0, 8, 9)[:, None]
+    found = dtw(x, x[:5] + 0.25, open_end="either", min_matched=5)
+    assert found.cost == 0.25
+    cost = np.ones((9, 5))
+    cost[:, 4] = 0.5
+    found = dtw(cost=cost, open_end="either", min_matched=7)
+    last = found.path[int(found.length) - 1]
+    assert int(last[1]) == 4
+    assert int(last[0]) >= 6
+    for open_end, most in (("either", 9), (True, 5)):
+        with pytest.raises(ValueError, match=rf"dtw: min_matched=10; want 1 \.\.\. {most}"):
+            dtw(cost=cost, open_end=open_end, min_matched=10)

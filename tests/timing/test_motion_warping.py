@@ -10,6 +10,7 @@ from jax.test_util import check_grads
 
 from jaxmotion import quaternion
 from jaxmotion.timing import motion_warping, unwarp
+from tests.helpers import no_shape_checks
 
 NAMES = ("scale_smoothness", "offset_smoothness")
 RUN = jax.jit(motion_warping, static_argnames=("shared", "slope", "max_iterations", *NAMES))
@@ -372,3 +373,16 @@ def test_static_trouble_names_the_argument(found):
         unwarp(source, found)
     with pytest.raises(ValueError, match="rotations=True"):
         unwarp(np.zeros((36, 3)), found, rotations=True)
+
+
+@pytest.mark.parametrize("count", [0, -1, 2.5, None])
+def test_at_least_one_iteration(count):
+    """None at all died in the middle."""
+    x = np.random.default_rng(0).normal(size=(12, 2))
+    message = f"motion_warping: max_iterations={count}; want a whole number of at least 1"
+    with no_shape_checks(), pytest.raises(ValueError, match=message):
+        motion_warping(x, x, max_iterations=count)
+    with no_shape_checks(), pytest.raises(ValueError, match=r"slope=2\.5; want at least 1, whole"):
+        motion_warping(x, x, slope=2.5)
+    once = motion_warping(x, x, max_iterations=1)
+    assert once.energy.shape == (2,)
