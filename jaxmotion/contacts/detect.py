@@ -115,7 +115,7 @@ def _detect(
     turns = pose.rotations[:, index]
     offset = quaternion.rotate(turns, jnp.asarray(points.point, motion.dtype))
     positions = pose.positions[:, index] + offset
-    size = limb_lengths(motion, points)
+    size = _limb_lengths(motion, points, counts)
     smoothed = height_speed.smooth(positions, counts, motion.frame_time)
     heights = _heights(smoothed, motion.skeleton.up_axis, floor, size, counts, window)
     short = jnp.round(_SHORT / motion.frame_time).astype(jnp.int32)
@@ -160,15 +160,29 @@ def _soft(ratio: Float[Array, "time point"]) -> Float[Array, "time point"]:
     return jax.nn.sigmoid(_SHARPNESS * (1 - jnp.minimum(ratio, 4)))
 
 
-def limb_lengths(motion: Motion, points: ContactPoints) -> Float[Array, " point"]:
+def limb_lengths(
+    motion: Motion, points: ContactPoints, *, length: ScalarLike | None = None
+) -> Float[Array, " point"]:
     """Length of the limb that carries each point: both bones, means over the frames.
 
     For points without a limb it is half of the skeleton's longest chain.
 
-    **Arguments:** ``motion``: T frames; ``points``: C points of its skeleton.
+    **Arguments:** ``motion``: T frames; ``points``: C points of its skeleton; ``length``: number of
+    frames that count, the first ones, for padded clips.
     **Returns:** f[C], file unit.
+    **Raises:** ``ValueError`` for a length outside 1 to T; at run time for one that is traced.
     """
-    bones = jnp.mean(safe_norm(motion.translations), axis=0)
+    count, motion = counted("limb_lengths: length", length, motion.num_frames, motion)
+    return _limb_lengths(motion, points, frame_mask(count, motion.num_frames))
+
+
+def _limb_lengths(
+    motion: Motion, points: ContactPoints, counts: Bool[Array, " time"]
+) -> Float[Array, " point"]:
+    lengths = safe_norm(motion.translations)
+    total = jnp.sum(jnp.where(counts[:, None], lengths, 0), axis=0)
+    moving = np.isin(np.arange(motion.num_joints), motion.translated_joints)
+    bones = jnp.where(moving, total / jnp.sum(counts).astype(motion.dtype), lengths[0])
     reach = [jnp.zeros((), motion.dtype)]
     for j, parent in enumerate(motion.skeleton.parents[1:], 1):
         reach.append(reach[parent] + bones[j])

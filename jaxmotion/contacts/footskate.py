@@ -149,7 +149,7 @@ def _cleanup(given, contacts, feet: _Feet, stretch, fade, floor, count) -> Motio
     away = spread(jnp.where(any_on[..., None], wanted - base, 0), any_on, reach_of_fade)
     if floor is not None:
         away = _lifted(motion, contacts, feet, base + away, turned, body, any_on, away, floor)
-    solved = _solve(pose, joints, shift, base + away, stretch)
+    solved = _solve(pose, joints, shift, base + away, stretch, counts)
     moved = jnp.any(away != 0, -1) | jnp.any(turn[..., 1:] != 0, -1)
     return _assemble(given, pose, joints, shift, solved, turned, moved, stretch is not None)
 
@@ -225,12 +225,15 @@ def _lifted(motion, contacts, feet, ankle, turned, body, planted, away, floor):
     return away.at[..., up].add(jnp.where(planted, 0, deepest))
 
 
-def _solve(pose, joints, shift, target, stretch) -> LimbTurn:
-    """Step 4."""
+def _solve(pose, joints, shift, target, stretch, counts) -> LimbTurn:
+    """Step 4; a limb's hinge is the mean over the frames that count."""
     hip, knee, ankle = (pose.positions[:, joints[:, k]] + shift[:, None] for k in range(3))
     thigh = pose.rotations[:, joints[:, 0]]
     bend, noise = bend_axis(knee - hip, ankle - knee)
-    bend, noise = jnp.sum(rotate(conjugate(thigh), bend), axis=0), jnp.sum(noise, axis=0)
+    bend, noise = (
+        jnp.sum(jnp.where(counts[:, None, None], x, 0), axis=0)
+        for x in (rotate(conjugate(thigh), bend), noise)
+    )
     length = safe_norm(bend, keepdims=True)
     known = length > noise
     hinge = rotate(thigh, jnp.where(known, bend / jnp.where(known, length, 1), 0))
