@@ -26,11 +26,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmotion._checks import counted
+from jaxmotion._checks import counted, known, require, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
-from jaxmotion.contacts.contact import Contacts, Limb
+from jaxmotion.contacts.contact import Contacts, Limb, check_frames
 from jaxmotion.contacts.distances import move_later
 from jaxmotion.contacts.limb_ik import LimbTurn, bend_axis, limb_ik
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, origin_of
@@ -76,14 +76,19 @@ def cleanup_footskate(
     file unit; ``length``: number of frames that count, the first ones.
     **Returns:** a motion of the same shape; the one given if there are no points.
     **Raises:** ``ValueError`` when the contacts have another number of frames, a point hangs from
-    no two-bone limb, two limbs share a joint, or the length is outside 1 to T; at run time for such
-    a length that is traced.
+    no two-bone limb, two limbs share a joint, the stretch is traced or below 0, the fade is below
+    0, or the length is outside 1 to T; at run time for such a fade or length that is traced.
     """
-    if contacts.num_frames != motion.num_frames:
+    check_frames(motion, contacts, "cleanup_footskate")
+    if traced(stretch) or not (np.shape(stretch) == () and stretch >= 0):
         raise ValueError(
-            f"cleanup_footskate: contacts have {contacts.num_frames} frames, the motion "
-            f"{motion.num_frames}; they must agree"
+            f"cleanup_footskate: stretch={stretch}; expected a share of 0 or more, not traced"
         )
+    seconds = known(fade)
+    if seconds.shape != ():
+        raise ValueError(f"cleanup_footskate: fade has shape {seconds.shape}; expected one number")
+    message = "cleanup_footskate: fade must be 0 seconds or more"
+    motion = require(motion, ~(seconds >= 0), message, got=fade)
     feet = _feet_of(motion.skeleton, contacts)
     if not feet.limbs:
         return motion
