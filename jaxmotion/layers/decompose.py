@@ -94,12 +94,44 @@ def decompose(
     **Raises:** ``ValueError`` for an unknown scope or method or a γ outside (0, π); at run time as
     ``smoothing.lgs`` and ``smoothing.geodesic``.
     """
-    one_of("decompose: scope", scope, ("global", "per_joint"))
-    check_method(method, "decompose")
-    motion, weights = checked_weights(motion, weights, length, "decompose")
+    return layers_of(
+        "decompose",
+        motion,
+        gamma=gamma,
+        lam_c=lam_c,
+        sigma_c=sigma_c,
+        scope=scope,
+        order=order,
+        tune=tune,
+        method=method,
+        weights=weights,
+        length=length,
+    )
+
+
+def layers_of(
+    caller: str,
+    motion: Motion,
+    *,
+    gamma: ScalarLike = np.pi / 2,
+    lam_c: ScalarLike = 1.0,
+    sigma_c: ScalarLike = 1.0,
+    scope: Literal["global", "per_joint"] = "global",
+    order: Literal[1, 2] = 2,
+    tune: Criterion | None = None,
+    method: Literal["chordal", "geodesic"] = "chordal",
+    weights: ArrayLike | None = None,
+    length: ScalarLike | None = None,
+) -> MotionLayers:
+    """:func:`decompose` for ``caller``, whose name is in its errors."""
+    one_of(f"{caller}: scope", scope, ("global", "per_joint"))
+    check_method(method, caller)
+    motion, weights = checked_weights(motion, weights, length, caller)
     angle = known(gamma)
+    if angle.shape != ():
+        raise ValueError(f"{caller}: gamma has shape {angle.shape}; expected one number")
     outside = ~((angle > 0) & (angle < np.pi))
-    message = "decompose: gamma must be an angle between 0 and π"
+    message = f"{caller}: gamma must be an angle between 0 and π"
     motion = require(motion, outside, message, got=gamma)
     gamma, lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (gamma, lam_c, sigma_c))
     return _decompose(motion, weights, gamma, lam_c, sigma_c, scope, order, tune, method)
@@ -123,7 +155,8 @@ def checked_weights(
         weights = jnp.asarray(weights, motion.dtype)
         if weights.shape not in ((frames,), (frames, joints)):
             raise ValueError(
-                f"weights have shape {weights.shape}; expected ({frames},) or ({frames}, {joints})"
+                f"{caller}: weights have shape {weights.shape}; expected ({frames},) or "
+                f"({frames}, {joints})"
             )
     if length is None:
         return motion, weights
