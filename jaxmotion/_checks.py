@@ -100,7 +100,8 @@ def one_of(name: str, value: Any, choices: Iterable[Any]) -> None:
 def counted(
     name: str, length: ScalarLike | None, frames: int, values: Tree = None
 ) -> tuple[Int[Array, ""], Tree]:
-    """How many of the ``frames`` count, all for None, and the ``values`` that depend on it.
+    """How many of the ``frames`` count, all for None, and the ``values`` that depend on it. Frames
+    beyond may hold anything finite and change nothing of those that count.
 
     ``ValueError`` unless it is a whole number from 1 to ``frames``; traced, as
     :func:`raise_faults`, which the values go through. ``name`` as in "decompose: length".

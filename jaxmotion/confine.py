@@ -89,8 +89,9 @@ def selection_weights(
         raise ValueError(f"selection_weights: fade={fade}; expected a number of frames")
     first, end, _ = slice(*frames).indices(num_frames)
     if first >= end:
-        text = ":".join("" if f is None else str(f) for f in frames)
-        raise ValueError(f"the range {text} leaves none of the {num_frames} frames")
+        raise ValueError(
+            f"selection_weights: frames={frames}; the range leaves none of the {num_frames} frames"
+        )
     time = np.arange(num_frames)
     window = ((time >= first) & (time < end)).astype(np.float64)
     ramp = min(fade, (end - first) // 2) + 1.0

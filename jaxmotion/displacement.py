@@ -43,10 +43,17 @@ class Displacement(Portable):
     def scale(self, gain: ArrayLike) -> "Displacement":
         """Every vector times a gain.
 
-        **Arguments:** ``gain``: a scalar, f[J] per joint, or f[T, J] per frame and joint.
+        **Arguments:** ``gain``: a scalar, f[J] per joint, f[T, 1] per frame, or f[T, J].
         **Returns:** :class:`Displacement` in the same sense.
+        **Raises:** ``ValueError`` for a gain of another shape.
         """
         factor = jnp.asarray(gain, self.rotations.dtype)
+        frames, joints = self.rotations.shape[-3:-1]
+        if factor.shape not in ((), (joints,), (frames, 1), (frames, joints)):
+            raise ValueError(
+                f"Displacement.scale: gain has shape {factor.shape}; expected a scalar, "
+                f"({joints},) per joint, ({frames}, 1) per frame or ({frames}, {joints})"
+            )
         factor = factor[..., None] if factor.ndim else factor
         return Displacement(factor * self.translations, factor * self.rotations, self.sense)
 

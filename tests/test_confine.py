@@ -157,3 +157,9 @@ def test_selection_refuses(bad):
     skeleton = random_skeleton(np.random.default_rng(0), 1)
     with pytest.raises(ValueError):
         selection_weights(skeleton, 20, **bad)
+
+
+def test_a_range_without_frames_is_named():
+    skeleton = random_skeleton(np.random.default_rng(0), 3)
+    with pytest.raises(ValueError, match=r"selection_weights: frames=\(5, 5\); the range leaves"):
+        selection_weights(skeleton, 20, frames=(5, 5))

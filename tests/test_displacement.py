@@ -13,6 +13,7 @@ from tests.helpers import (
     assert_same_rotation,
     assert_trees_close,
     check_gradients,
+    no_shape_checks,
     random_motion,
     random_quaternions,
     random_skeleton,
@@ -159,3 +160,13 @@ def test_refusals():
         minus(motion, reference[:2])
     with pytest.raises(ValueError, match=r"plus: displacement has shape \(4, 5, 3\), the motion"):
         plus(motion[:1], minus(motion, reference))
+
+
+def test_gains_of_another_shape_are_refused():
+    rng = np.random.default_rng(0)
+    d = minus(random_motion(rng, 4, 3), random_motion(rng, 4, 3))
+    for shape in ((), (3,), (4, 1), (4, 3)):
+        assert d.scale(np.full(shape, 2.0)).rotations.shape == (4, 3, 3)
+    for shape in ((4, 1, 1), (4,), (8, 3), (1, 3), (1, 4, 3)):
+        with no_shape_checks(), pytest.raises(ValueError, match=r"Displacement\.scale: gain has"):
+            d.scale(np.ones(shape))

@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
+from jaxmotion._checks import traced
 from jaxmotion._portable import Portable
-from jaxmotion._types import AnyArray, ArrayLike
+from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
@@ -181,6 +182,29 @@ class Contacts(Portable):
     def num_points(self) -> int:
         """C, the number of points."""
         return self.points.num_points
+
+
+def check_frames(motion: Motion, contacts: Contacts, caller: str) -> None:
+    """``ValueError`` unless the contacts have the motion's number of frames."""
+    if contacts.num_frames != motion.num_frames:
+        raise ValueError(
+            f"{caller}: contacts have {contacts.num_frames} frames, the motion "
+            f"{motion.num_frames}; they must agree"
+        )
+
+
+def check_kept(
+    motion: Motion, keep_contacts: Contacts | bool, caller: str, length: ScalarLike | None = None
+) -> None:
+    """``ValueError`` unless an edit can keep such contacts: found on it (True) where it is not
+    traced, or given for its frames."""
+    if isinstance(keep_contacts, Contacts):
+        check_frames(motion, keep_contacts, caller)
+    elif keep_contacts and traced(motion.rotations, length):
+        raise ValueError(
+            f"{caller}: keep_contacts=True, but the motion is traced; find the contacts outside of "
+            "jit or vmap and pass them"
+        )
 
 
 def limb_above(parents: Sequence[int], end: int) -> Limb | None:

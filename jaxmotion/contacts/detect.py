@@ -23,11 +23,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import counted, one_of, traced
+from jaxmotion._checks import counted, known, one_of, require, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import height_speed, rigid
-from jaxmotion.contacts.contact import FREE, PLANE, POINT, ContactPoints, Contacts
+from jaxmotion.contacts.contact import FREE, PLANE, POINT, ContactPoints, Contacts, check_frames
 from jaxmotion.contacts.feet import find_feet
 from jaxmotion.contacts.nearby import floor_near, motion_near, origin_of
 from jaxmotion.frames.count import frame_mask
@@ -60,13 +60,14 @@ def detect(
     ``points``; ``floor``: "auto" asks that a point be near its own lowest level, a number (file
     unit) that it be near this height, None nothing; ``window``: frames in 0.08 s, static, by
     default from the frame time and at least 3; ``tolerance``: what every threshold is multiplied
-    by; ``length``: number of frames that count, the first ones, for padded clips.
+    by; ``length``: number of frames that count, the first ones, for padded clips; of fewer than a
+    window "segments" finds no contacts.
     **Returns:** :class:`Contacts` of T frames and C points, C = 0 for a skeleton without feet. A
     clip of one frame has no motion: what is low touches.
     **Raises:** ``ValueError`` for an unknown method or floor, both points and joints, a joint that
-    the skeleton does not have, a window of fewer than 2 frames or a length outside 1 to T; under
-    ``jit`` or ``vmap`` when the window, or both points and joints, are left out; at run time for a
-    traced length outside 1 to T.
+    the skeleton does not have, a window of fewer than 2 frames, a tolerance that is not above 0 or
+    a length outside 1 to T; under ``jit`` or ``vmap`` when the window, or both points and joints,
+    are left out; at run time for such a tolerance or length that is traced.
     """
     one_of("detect: method", method, ("segments", "thresholds"))
     if points is not None and joints is not None:
@@ -75,6 +76,10 @@ def detect(
         raise ValueError(f"detect: floor={floor!r}; expected 'auto', a number or None")
     if joints is not None:
         points = ContactPoints(motion.skeleton, joints)
+    scale = known(tolerance)
+    if scale.shape != ():
+        raise ValueError(f"detect: tolerance has shape {scale.shape}; expected one number")
+    motion = require(motion, ~(scale > 0), "detect: tolerance must be above 0", got=tolerance)
     count, motion = counted("detect: length", length, motion.num_frames, motion)
     if points is None:
         points = find_feet(motion, length=length)
@@ -115,7 +120,7 @@ def _detect(
     turns = pose.rotations[:, index]
     offset = quaternion.rotate(turns, jnp.asarray(points.point, motion.dtype))
     positions = pose.positions[:, index] + offset
-    size = limb_lengths(motion, points)
+    size = _limb_lengths(motion, points, counts)
     smoothed = height_speed.smooth(positions, counts, motion.frame_time)
     heights = _heights(smoothed, motion.skeleton.up_axis, floor, size, counts, window)
     short = jnp.round(_SHORT / motion.frame_time).astype(jnp.int32)
@@ -135,6 +140,7 @@ def _detect(
         mask = hysteresis(strong & counts[:, None], weak & counts[:, None])
         confidence = _soft(low.speed) * _soft(low.height)
         kinds = jnp.full(mask.shape, POINT, jnp.int8)
+    confidence = jnp.where(counts[:, None], confidence, 0)
     mask = _tidied(mask & counts[:, None], short, counts)
     target = mean_over_runs(mask, positions, confidence) + origin
     kinds = jnp.where(mask, jnp.clip(kinds, POINT, PLANE), FREE).astype(jnp.int8)
@@ -160,15 +166,29 @@ def _soft(ratio: Float[Array, "time point"]) -> Float[Array, "time point"]:
     return jax.nn.sigmoid(_SHARPNESS * (1 - jnp.minimum(ratio, 4)))
 
 
-def limb_lengths(motion: Motion, points: ContactPoints) -> Float[Array, " point"]:
+def limb_lengths(
+    motion: Motion, points: ContactPoints, *, length: ScalarLike | None = None
+) -> Float[Array, " point"]:
     """Length of the limb that carries each point: both bones, means over the frames.
 
     For points without a limb it is half of the skeleton's longest chain.
 
-    **Arguments:** ``motion``: T frames; ``points``: C points of its skeleton.
+    **Arguments:** ``motion``: T frames; ``points``: C points of its skeleton; ``length``: number of
+    frames that count, the first ones, for padded clips.
     **Returns:** f[C], file unit.
+    **Raises:** ``ValueError`` for a length outside 1 to T; at run time for one that is traced.
     """
-    bones = jnp.mean(safe_norm(motion.translations), axis=0)
+    count, motion = counted("limb_lengths: length", length, motion.num_frames, motion)
+    return _limb_lengths(motion, points, frame_mask(count, motion.num_frames))
+
+
+def _limb_lengths(
+    motion: Motion, points: ContactPoints, counts: Bool[Array, " time"]
+) -> Float[Array, " point"]:
+    lengths = safe_norm(motion.translations)
+    total = jnp.sum(jnp.where(counts[:, None], lengths, 0), axis=0)
+    moving = np.isin(np.arange(motion.num_joints), motion.translated_joints)
+    bones = jnp.where(moving, total / jnp.sum(counts).astype(motion.dtype), lengths[0])
     reach = [jnp.zeros((), motion.dtype)]
     for j, parent in enumerate(motion.skeleton.parents[1:], 1):
         reach.append(reach[parent] + bones[j])
@@ -185,7 +205,9 @@ def replant(motion: Motion, contacts: Contacts) -> Contacts:
 
     **Arguments:** ``motion``: T frames; ``contacts``: of T frames.
     **Returns:** :class:`Contacts`; only targets differ.
+    **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
+    check_frames(motion, contacts, "replant")
     origin = origin_of(motion)
     positions = contacts.points.positions(motion_near(motion, origin))
     target = mean_over_runs(contacts.mask, positions, contacts.confidence)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion._numerics import safe_norm
-from jaxmotion.contacts.contact import Contacts
+from jaxmotion.contacts.contact import Contacts, check_frames
 from jaxmotion.contacts.nearby import contacts_near, motion_near, origin_of
 from jaxmotion.motion import Motion
 
@@ -31,11 +31,7 @@ def fit_distances(motion: Motion, contacts: Contacts) -> Contacts:
     points.
     **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
-    if contacts.num_frames != motion.num_frames:
-        raise ValueError(
-            f"fit_distances: contacts have {contacts.num_frames} frames, the motion "
-            f"{motion.num_frames}; they must agree"
-        )
+    check_frames(motion, contacts, "fit_distances")
     limbs = [limb for limb in dict.fromkeys(contacts.limbs) if limb is not None]
     of_limb = [[c for c, other in enumerate(contacts.limbs) if other == limb] for limb in limbs]
     pairs = np.array([points for points in of_limb if len(points) == 2], int).reshape(-1, 2)

@@ -26,11 +26,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmotion._checks import counted
+from jaxmotion._checks import counted, known, require, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
-from jaxmotion.contacts.contact import Contacts, Limb
+from jaxmotion.contacts.contact import Contacts, Limb, check_frames
 from jaxmotion.contacts.distances import move_later
 from jaxmotion.contacts.limb_ik import LimbTurn, bend_axis, limb_ik
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, origin_of
@@ -76,14 +76,19 @@ def cleanup_footskate(
     file unit; ``length``: number of frames that count, the first ones.
     **Returns:** a motion of the same shape; the one given if there are no points.
     **Raises:** ``ValueError`` when the contacts have another number of frames, a point hangs from
-    no two-bone limb, two limbs share a joint, or the length is outside 1 to T; at run time for such
-    a length that is traced.
+    no two-bone limb, two limbs share a joint, the stretch is traced or below 0, the fade is below
+    0, or the length is outside 1 to T; at run time for such a fade or length that is traced.
     """
-    if contacts.num_frames != motion.num_frames:
+    check_frames(motion, contacts, "cleanup_footskate")
+    if traced(stretch) or not (np.shape(stretch) == () and stretch >= 0):
         raise ValueError(
-            f"cleanup_footskate: contacts have {contacts.num_frames} frames, the motion "
-            f"{motion.num_frames}; they must agree"
+            f"cleanup_footskate: stretch={stretch}; expected a share of 0 or more, not traced"
         )
+    seconds = known(fade)
+    if seconds.shape != ():
+        raise ValueError(f"cleanup_footskate: fade has shape {seconds.shape}; expected one number")
+    message = "cleanup_footskate: fade must be 0 seconds or more"
+    motion = require(motion, ~(seconds >= 0), message, got=fade)
     feet = _feet_of(motion.skeleton, contacts)
     if not feet.limbs:
         return motion
@@ -149,7 +154,7 @@ def _cleanup(given, contacts, feet: _Feet, stretch, fade, floor, count) -> Motio
     away = spread(jnp.where(any_on[..., None], wanted - base, 0), any_on, reach_of_fade)
     if floor is not None:
         away = _lifted(motion, contacts, feet, base + away, turned, body, any_on, away, floor)
-    solved = _solve(pose, joints, shift, base + away, stretch)
+    solved = _solve(pose, joints, shift, base + away, stretch, counts)
     moved = jnp.any(away != 0, -1) | jnp.any(turn[..., 1:] != 0, -1)
     return _assemble(given, pose, joints, shift, solved, turned, moved, stretch is not None)
 
@@ -225,12 +230,15 @@ def _lifted(motion, contacts, feet, ankle, turned, body, planted, away, floor):
     return away.at[..., up].add(jnp.where(planted, 0, deepest))
 
 
-def _solve(pose, joints, shift, target, stretch) -> LimbTurn:
-    """Step 4."""
+def _solve(pose, joints, shift, target, stretch, counts) -> LimbTurn:
+    """Step 4; a limb's hinge is the mean over the frames that count."""
     hip, knee, ankle = (pose.positions[:, joints[:, k]] + shift[:, None] for k in range(3))
     thigh = pose.rotations[:, joints[:, 0]]
     bend, noise = bend_axis(knee - hip, ankle - knee)
-    bend, noise = jnp.sum(rotate(conjugate(thigh), bend), axis=0), jnp.sum(noise, axis=0)
+    bend, noise = (
+        jnp.sum(jnp.where(counts[:, None, None], x, 0), axis=0)
+        for x in (rotate(conjugate(thigh), bend), noise)
+    )
     length = safe_norm(bend, keepdims=True)
     known = length > noise
     hinge = rotate(thigh, jnp.where(known, bend / jnp.where(known, length, 1), 0))

@@ -60,7 +60,8 @@ def low_and_slow(
     speed = jnp.minimum(
         jnp.pad(step, ((1, 0), (0, 0)), mode="edge"), jnp.pad(step, ((0, 1), (0, 0)), mode="edge")
     )
-    seen = jnp.where(counts[:, None] & jnp.isfinite(speed), speed, jnp.nan)
+    speed = jnp.where(jnp.isfinite(speed), speed, 0)  # a single frame, and the padding
+    seen = jnp.where(counts[:, None], speed, jnp.nan)
     fast = jnp.nan_to_num(jnp.nanquantile(seen, jnp.asarray(_FAST, speed.dtype), axis=0))
     most = jnp.maximum(_SPEED, _OF_FASTEST * fast) * tolerance
     return LowAndSlow(speed / most, height / tolerance)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxmotion._checks import counted
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import ScalarLike
-from jaxmotion.contacts.contact import Contacts
+from jaxmotion.contacts.contact import Contacts, check_frames
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, origin_of
 from jaxmotion.frames.count import frame_mask
 from jaxmotion.frames.runs import spread
@@ -45,11 +45,7 @@ def cleanup_root(
     **Raises:** ``ValueError`` when the contacts have another number of frames or the length is
     outside 1 to T; at run time for such a length that is traced.
     """
-    if contacts.num_frames != motion.num_frames:
-        raise ValueError(
-            f"cleanup_root: contacts have {contacts.num_frames} frames, the motion "
-            f"{motion.num_frames}; they must agree"
-        )
+    check_frames(motion, contacts, "cleanup_root")
     if contacts.num_points == 0:
         return motion
     level = None if floor is None else jnp.asarray(floor, motion.dtype)

@@ -119,12 +119,44 @@ def decompose(
         >>> bool(jm.quaternion.distance(whole.rotations, motion.rotations).max() < 1e-3)
         True
     """
-    one_of("decompose: scope", scope, ("global", "per_joint"))
-    check_method(method, "decompose")
-    motion, weights = checked_weights(motion, weights, length, "decompose")
+    return layers_of(
+        "decompose",
+        motion,
+        gamma=gamma,
+        lam_c=lam_c,
+        sigma_c=sigma_c,
+        scope=scope,
+        order=order,
+        tune=tune,
+        method=method,
+        weights=weights,
+        length=length,
+    )
+
+
+def layers_of(
+    caller: str,
+    motion: Motion,
+    *,
+    gamma: ScalarLike = np.pi / 2,
+    lam_c: ScalarLike = 1.0,
+    sigma_c: ScalarLike = 1.0,
+    scope: Literal["global", "per_joint"] = "global",
+    order: Literal[1, 2] = 2,
+    tune: Criterion | None = None,
+    method: Literal["chordal", "geodesic"] = "chordal",
+    weights: ArrayLike | None = None,
+    length: ScalarLike | None = None,
+) -> MotionLayers:
+    """:func:`decompose` for ``caller``, whose name is in its errors."""
+    one_of(f"{caller}: scope", scope, ("global", "per_joint"))
+    check_method(method, caller)
+    motion, weights = checked_weights(motion, weights, length, caller)
     angle = known(gamma)
+    if angle.shape != ():
+        raise ValueError(f"{caller}: gamma has shape {angle.shape}; expected one number")
     outside = ~((angle > 0) & (angle < np.pi))
-    message = "decompose: gamma must be an angle between 0 and π"
+    message = f"{caller}: gamma must be an angle between 0 and π"
     motion = require(motion, outside, message, got=gamma)
     ones = not traced(lam_c, sigma_c) and np.all(known(lam_c) == 1) and np.all(known(sigma_c) == 1)
     if tune is not None and not ones:
@@ -154,7 +186,8 @@ def checked_weights(
         given, weights = known(weights), jnp.asarray(weights, motion.dtype)
         if weights.shape not in ((frames,), (frames, joints)):
             raise ValueError(
-                f"weights have shape {weights.shape}; expected ({frames},) or ({frames}, {joints})"
+                f"{caller}: weights have shape {weights.shape}; expected ({frames},) or "
+                f"({frames}, {joints})"
             )
         if not traced(given):
             wrong = ~((given >= 0) & (given < np.inf)).all()

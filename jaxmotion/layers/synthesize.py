@@ -16,12 +16,13 @@ from jaxmotion import spacetime
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
+from jaxmotion.contacts.contact import check_kept
 from jaxmotion.displacement import Displacement, minus, plus
 from jaxmotion.layers.decompose import (
     MotionLayers,
     check_method,
     checked_weights,
-    decompose,
+    layers_of,
     without_noise,
 )
 from jaxmotion.motion import Motion
@@ -61,17 +62,24 @@ def synthesize(
         True
     """
     moving = alpha if translation_alpha is None else translation_alpha
-    edit = _synthesize(
-        layers,
-        _gain("alpha", alpha, layers.base),
-        _gain("translation_alpha", moving, layers.base),
-        _gain("residual", residual, layers.base),
-    )
+    check_kept(layers.base, keep_contacts, "synthesize")
+    edit = _edited("synthesize", layers, alpha, residual, moving)
     if keep_contacts is False:
         return edit
     one = jnp.ones((), layers.base.dtype)
     original = _synthesize(layers, one, one, one)
     return spacetime.keep_contacts(edit, original, keep_contacts)
+
+
+def _edited(
+    caller: str, layers: MotionLayers, alpha: ArrayLike, residual: ArrayLike, moving: ArrayLike
+) -> Motion:
+    return _synthesize(
+        layers,
+        _gain(f"{caller}: alpha", alpha, layers.base),
+        _gain(f"{caller}: translation_alpha", moving, layers.base),
+        _gain(f"{caller}: residual", residual, layers.base),
+    )
 
 
 @compiled
@@ -125,12 +133,14 @@ def denoise(
             check_positive(f"denoise: {name}", value)
     if robust:
         weights = outlier_weights(motion, weights=weights)
-    kept = 1.0 - jnp.asarray(strength, motion.dtype)
+    kept = 1.0 - _gain("denoise: strength", strength, motion)
     if tune and lam is None and sigma is None:
-        return _without_noise(motion, weights, _gain("strength", kept, motion), method)
+        return _without_noise(motion, weights, kept, method)
     lam_c, sigma_c = (1.0 if given is None else given for given in (lam, sigma))
-    layers = decompose(motion, lam_c=lam_c, sigma_c=sigma_c, method=method, weights=weights)
-    return synthesize(layers, 1.0, kept)
+    layers = layers_of(
+        "denoise", motion, lam_c=lam_c, sigma_c=sigma_c, method=method, weights=weights
+    )
+    return _edited("denoise", layers, 1.0, kept, 1.0)
 
 
 @compiled
@@ -170,7 +180,9 @@ def stylize(
         >>> jm.stylize(motion, arms).rotations.shape
         (16, 22, 4)
     """
-    edit = synthesize(decompose(motion, gamma=gamma, length=length), alpha, residual)
+    check_kept(motion, keep_contacts, "stylize", length)
+    layers = layers_of("stylize", motion, gamma=gamma, length=length)
+    edit = _edited("stylize", layers, alpha, residual, alpha)
     return spacetime.keep_contacts(edit, motion, keep_contacts, length=length)
 
 

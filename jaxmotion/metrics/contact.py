@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from jaxmotion._types import ArrayLike
 from jaxmotion.contacts import ContactPoints, Contacts
+from jaxmotion.contacts.contact import check_frames
 from jaxmotion.metrics.measures import world_positions
 from jaxmotion.motion import Motion
 
@@ -39,12 +40,12 @@ def slides(motion: Motion, contacts: Contacts) -> Float[np.ndarray, "step point"
     **Returns:** f64[T − 1, C], file unit; 0 where a point is not in contact in both frames.
     **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
+    check_frames(motion, contacts, "slides")
+    return _slides(motion, contacts)
+
+
+def _slides(motion: Motion, contacts: Contacts) -> np.ndarray:
     mask = np.asarray(contacts.mask)
-    if len(mask) != motion.num_frames:
-        raise ValueError(
-            f"slides: contacts have {len(mask)} frames, the motion {motion.num_frames}; "
-            "they must agree"
-        )
     moved = np.diff(np.asarray(contacts.points.positions(motion), np.float64), axis=0)
     return np.linalg.norm(moved, axis=-1) * (mask[1:] & mask[:-1])
 
@@ -56,9 +57,10 @@ def foot_skate(motion: Motion, contacts: Contacts) -> float:
     **Returns:** a float, file unit a second.
     **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
+    check_frames(motion, contacts, "foot_skate")
     mask = np.asarray(contacts.mask)
     seconds = np.sum(mask[1:] & mask[:-1]) * float(motion.frame_time)
-    return float(slides(motion, contacts).sum() / seconds) if seconds else 0.0
+    return float(_slides(motion, contacts).sum() / seconds) if seconds else 0.0
 
 
 def penetration(

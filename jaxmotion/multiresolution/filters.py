@@ -41,7 +41,7 @@ def orientation_filter(q: Quaternion, mask: ArrayLike) -> Quaternion:
     run time for the sum of a traced mask.
     """
     q = jnp.asarray(q)
-    return _orientation_filter(q, _step_weights(mask, q.shape[0], q.dtype))
+    return _orientation_filter(q, _step_weights(mask, q.shape[0], q.dtype, "orientation_filter"))
 
 
 def vector_filter(x: Float[AnyArray, "time *rest"], mask: ArrayLike) -> Float[Array, "time *rest"]:
@@ -54,7 +54,7 @@ def vector_filter(x: Float[AnyArray, "time *rest"], mask: ArrayLike) -> Float[Ar
     **Raises:** ``ValueError``, or at run time, as :func:`orientation_filter`.
     """
     x = jnp.asarray(x)
-    return _vector_filter(x, _step_weights(mask, x.shape[0], x.dtype))
+    return _vector_filter(x, _step_weights(mask, x.shape[0], x.dtype, "vector_filter"))
 
 
 def filter_motion(motion: Motion, mask: ArrayLike) -> Motion:
@@ -68,7 +68,7 @@ def filter_motion(motion: Motion, mask: ArrayLike) -> Motion:
     **Raises:** ``ValueError`` for several clips at once; otherwise as :func:`orientation_filter`.
     """
     check_single(motion, "filter_motion")
-    weights = _step_weights(mask, motion.num_frames, motion.dtype)
+    weights = _step_weights(mask, motion.num_frames, motion.dtype, "filter_motion")
     return motion.with_transforms(
         _vector_filter(jnp.asarray(motion.translations), weights),
         _orientation_filter(jnp.asarray(motion.rotations), weights),
@@ -107,17 +107,17 @@ def _weighted(steps: Array, weights: Array) -> Array:
     )
 
 
-def _step_weights(mask: ArrayLike, frames: int, dtype) -> Array:
+def _step_weights(mask: ArrayLike, frames: int, dtype, caller: str) -> Array:
     """b of a mask a: one weight a step, f[2k] or f[T, 2k]."""
     shape = np.shape(mask)
     if shape[-1:] == () or shape[-1] % 2 == 0 or shape[:-1] not in ((), (frames,)):
         raise ValueError(
-            f"mask has shape {shape}; expected an odd number of coefficients, (2k + 1,) or "
-            f"({frames}, 2k + 1) with a row a frame"
+            f"{caller}: mask has shape {shape}; expected an odd number of coefficients, "
+            f"(2k + 1,) or ({frames}, 2k + 1) with a row a frame"
         )
     sums = known(mask).sum(-1)
     wrong = ~(abs(sums - 1) <= 1e-4).all()
-    message = "filter_motion: the mask must sum to 1, so that poses stay"
+    message = f"{caller}: the mask must sum to 1, so that poses stay"
     mask = require(jnp.asarray(mask, dtype), wrong, message, got=sums)
     half = shape[-1] // 2
     left = -jnp.cumsum(mask[..., :half], axis=-1)

@@ -23,6 +23,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.frames.ends import steps_around
+from jaxmotion.multiresolution.poses import increasing
 
 
 def smoothing_mask(
@@ -38,7 +39,8 @@ def smoothing_mask(
     **Arguments:** ``power``: j ≥ 1; ``strength``: λ; (2j)!/4ʲ removes the fastest oscillation (½
     for j = 1, 1.5 for j = 2); ``times``: f[T], increasing, where frames are not evenly spaced.
     **Returns:** f[2j + 1], or f[T, 2j + 1] for times.
-    **Raises:** ``ValueError`` for a power below 1.
+    **Raises:** ``ValueError`` for a power below 1, or times that are not f[T] or do not increase;
+    at run time for traced times that do not.
     """
     if power < 1:
         raise ValueError(f"smoothing_mask: power={power}; expected a whole number of at least 1")
@@ -53,7 +55,7 @@ def smoothing_mask(
         if not isinstance(strength, Array):
             return centre - float(strength) * pattern
         return jnp.asarray(centre, strength.dtype) - strength * jnp.asarray(pattern, strength.dtype)
-    times = jnp.asarray(times)
+    times = increasing(times, "smoothing_mask")
     if times.shape[0] < 2:
         return jnp.broadcast_to(jnp.asarray(centre, times.dtype), (*times.shape, width))
     weights = divided_difference(knots_around(times, power))

@@ -10,15 +10,18 @@ differentiable in the clips, the level and the gains.
 """
 
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
 
 from jaxmotion import spacetime
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
+from jaxmotion.contacts.contact import check_kept
 from jaxmotion.displacement import Displacement, minus, plus
 from jaxmotion.motion import Motion
-from jaxmotion.multiresolution.poses import Times
-from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid, synthesize
+from jaxmotion.multiresolution.poses import Times, checked_alike, checked_times
+from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid, level_count, synthesize
 
 
 def level_of_detail(
@@ -32,11 +35,14 @@ def level_of_detail(
     base, N everything, a fraction a part of the next details; beyond counts as the end of the
     range; ``keep_contacts``: as :func:`scale_details`.
     **Returns:** a motion of the original's frames.
-    **Raises:** ``ValueError`` for ``keep_contacts`` as :func:`scale_details`.
+    **Raises:** ``ValueError`` for a level that is not one number, and for ``keep_contacts`` as
+    :func:`scale_details`.
     """
+    if np.shape(level) != ():
+        raise ValueError(f"level_of_detail: level has shape {np.shape(level)}; expected one number")
     finest = jnp.arange(pyramid.levels, dtype=pyramid.base.dtype)
     gains = jnp.clip(jnp.asarray(level, pyramid.base.dtype) - finest, 0, 1)
-    return scale_details(pyramid, gains, keep_contacts=keep_contacts)
+    return _scaled(pyramid, gains[:, None], keep_contacts, "level_of_detail")
 
 
 def scale_details(
@@ -63,7 +69,13 @@ def scale_details(
             f"or ({levels}, {joints}) a level and joint"
         )
     columns = gains[:, None] if gains.ndim == 1 else gains
-    edit = synthesize(pyramid, jnp.broadcast_to(columns, (levels, joints)))
+    return _scaled(pyramid, columns, keep_contacts, "scale_details")
+
+
+def _scaled(pyramid: Pyramid, gains: Array, keep_contacts: Contacts | bool, caller: str) -> Motion:
+    every = jnp.broadcast_to(gains, (pyramid.levels, pyramid.base.num_joints))
+    edit = synthesize(pyramid, every)
+    check_kept(edit, keep_contacts, caller, pyramid.length)
     if keep_contacts is False:
         return edit
     return spacetime.keep_contacts(
@@ -90,17 +102,22 @@ def blend(
     in the blend (:func:`jaxmotion.spacetime.keep_contacts`), contacts are restored as given (under
     ``jit`` only these), False lets them go.
     **Returns:** a motion of T frames, at the rate of ``second``.
-    **Raises:** ``ValueError`` for clips of different shapes, ``levels`` and ``times`` as
-    :func:`build_pyramid`, and ``keep_contacts`` as :func:`scale_details`.
+    **Raises:** ``ValueError`` for clips of different joints, frame times or numbers of frames,
+    ``levels`` and ``times`` as :func:`build_pyramid`, and ``keep_contacts`` as
+    :func:`scale_details`; at run time for traced frame times that differ.
     """
-    clips = {"first": first, "second": second}
-    for name, clip in clips.items():
+    first = checked_alike(reference, first, "blend")
+    second = checked_alike(reference, second, "blend")
+    for name, clip in {"first": first, "second": second}.items():
         if clip.rotations.shape != reference.rotations.shape:
             raise ValueError(
                 f"blend: {name} has shape {clip.rotations.shape}, the reference "
                 f"{reference.rotations.shape} (time, joint, 4); they must agree"
             )
     moving = tuple(sorted({j for m in (reference, first, second) for j in m.translated_joints}))
+    levels = level_count(reference.num_frames, levels, "blend")
+    times = checked_times(times, reference.num_frames, reference.dtype, "blend")
+    check_kept(second, keep_contacts, "blend")
     alike = (with_moving_joints(m, moving) for m in (reference, first, second))
     mixed = _blend(*(build_pyramid(m, levels, times=times) for m in alike))
     return spacetime.keep_contacts(mixed, second, keep_contacts)
@@ -126,7 +143,7 @@ def _blend(reference: Pyramid, first: Pyramid, second: Pyramid) -> Motion:
         lazy=False,
         frame_time_text=second.frame_time_text,
     )
-    return scale_details(pyramid, 1.0)
+    return pyramid.reconstruct()
 
 
 def with_moving_joints(motion: Motion, joints: tuple[int, ...]) -> Motion:

@@ -137,10 +137,32 @@ def checked_times(
         raise ValueError(
             f"{caller}: times has shape {np.shape(times)}; expected ({frames},), one a frame"
         )
-    given = known(times).astype(dtype)
+    return increasing(known(times).astype(dtype), caller, length)
+
+
+def increasing(times: Times, caller: str, length: ScalarLike | None = None) -> Array:
+    """The times of some frames, as :func:`checked_times`."""
+    given = known(times)
+    if given.ndim != 1:
+        raise ValueError(f"{caller}: times has shape {given.shape}; expected (T,), one a frame")
     falling = ~(given[1:] > given[:-1])
     if length is not None:
         count = known(length)
-        falling = falling & (np.arange(1, frames, dtype=count.dtype) < count)
+        falling = falling & (np.arange(1, len(given), dtype=count.dtype) < count)
     message = f"{caller}: times must increase from frame to frame"
     return require(jnp.asarray(given), falling.any(), message)
+
+
+def checked_alike(first: Motion, second: Motion, caller: str) -> Motion:
+    """The second clip, if both are one clip each, of the same joints and frame time:
+    ``ValueError``, or an error at run time for traced frame times."""
+    check_single(first, caller)
+    check_single(second, caller)
+    if second.skeleton.names != first.skeleton.names:
+        raise ValueError(
+            f"{caller}: the clips have different joints, {list(first.skeleton.names)} and "
+            f"{list(second.skeleton.names)}"
+        )
+    one, other = known(first.frame_time), known(second.frame_time)
+    message = f"{caller}: the clips must have one frame time; resample one of them"
+    return require(second, abs(one - other) > 1e-4 * one, message, got=f"{one} and {other}")

@@ -29,14 +29,15 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmotion import quaternion, spacetime
-from jaxmotion._checks import known, require, traced
+from jaxmotion._checks import traced
 from jaxmotion._file_facts import compiled
 from jaxmotion.contacts import Contacts
+from jaxmotion.contacts.contact import check_kept
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.operations import with_moving_joints
-from jaxmotion.multiresolution.poses import check_single
-from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid
+from jaxmotion.multiresolution.poses import check_single, checked_alike
+from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid, level_count
 from jaxmotion.multiresolution.schedule import level_sizes
 from jaxmotion.quaternion.arcs import twist
 
@@ -72,21 +73,27 @@ def stitch(
     """
     if not motions:
         raise ValueError("stitch: motions is empty; expected at least one clip")
+    _check_search(search, "stitch")
     first, *others = motions
     check_single(first, "stitch")
-    others = [_checked_second(first, clip) for clip in others]
+    others = [checked_alike(first, clip, "stitch") for clip in others]
+    for clip in motions:
+        level_count(clip.num_frames, levels, "stitch")
     moving = tuple(sorted({j for m in motions for j in m.translated_joints}))
     joined = unseamed = with_moving_joints(first, moving)
     for clip in others:
         if search:
-            end, start = best_cut(joined, clip, search)
+            _check_known(joined, clip, "stitch")
+            end, start = _best_cut(joined, clip, search)
             left = joined.num_frames - end
             joined, unseamed, clip = joined[:left], unseamed[:left], clip[start:]
         depth = _default_levels(joined, clip) if levels is None else levels
+        level_count(min(joined.num_frames, clip.num_frames), depth, "stitch")
         clip = with_moving_joints(clip, moving)
         if align:
             clip = _follow(joined, clip)
         joined, unseamed = _stitch(joined, clip, depth), _end_to_end(unseamed, clip)
+    check_kept(joined, keep_contacts, "stitch")
     return spacetime.keep_contacts(joined, unseamed, keep_contacts)
 
 
@@ -102,9 +109,23 @@ def best_cut(first: Motion, second: Motion, search: int) -> tuple[int, int]:
     **Raises:** ``ValueError`` for clips of different joints or frame times, traced clips or a
     negative search.
     """
-    second = _checked_second(first, second)
-    if search < 0 or traced(first.rotations, second.rotations, first.frame_time):
-        raise ValueError(f"best_cut: search={search}; expected 0 or more, and clips not traced")
+    second = checked_alike(first, second, "best_cut")
+    _check_search(search, "best_cut")
+    _check_known(first, second, "best_cut")
+    return _best_cut(first, second, search)
+
+
+def _check_search(search: int, caller: str) -> None:
+    if not isinstance(search, (int, np.integer)) or search < 0:
+        raise ValueError(f"{caller}: search={search}; expected a whole number of frames, 0 or more")
+
+
+def _check_known(first: Motion, second: Motion, caller: str) -> None:
+    if traced(*(x for m in (first, second) for x in (m.rotations, m.frame_time))):
+        raise ValueError(f"{caller}: the clips are traced; a cut is searched in known clips only")
+
+
+def _best_cut(first: Motion, second: Motion, search: int) -> tuple[int, int]:
     beside = round(_BESIDE / float(first.frame_time))
     rows, columns = (min(search, m.num_frames // 2) + 1 for m in (first, second))
     *ends, peak = _kinetics(first[-(rows + beside) :])
@@ -161,7 +182,7 @@ def follow(first: Motion, second: Motion) -> Motion:
     **Raises:** ``ValueError`` for clips of different joints or frame times, at run time for frame
     times that are traced.
     """
-    return _follow(first, _checked_second(first, second))
+    return _follow(first, checked_alike(first, second, "follow"))
 
 
 @compiled
@@ -246,17 +267,3 @@ def _default_levels(first: Motion, second: Motion) -> int:
         raise ValueError("stitch: the frame time is traced; give levels")
     wanted = max(0, round(float(np.log2(_HALF_TRANSITION * float(fps)))))
     return min(wanted, *(len(level_sizes(m.num_frames)) - 1 for m in (first, second)))
-
-
-def _checked_second(first: Motion, second: Motion) -> Motion:
-    """The second clip, of the joints and the frame time of the first."""
-    check_single(second, "stitch")
-    if second.skeleton.names != first.skeleton.names:
-        raise ValueError(
-            f"stitch: the clips have different joints, {list(first.skeleton.names)} and "
-            f"{list(second.skeleton.names)}"
-        )
-    one, other = known(first.frame_time), known(second.frame_time)
-    message = "stitch: the clips must have one frame time; resample one of them"
-    got = f"{one} and {other}"
-    return require(second, abs(one - other) > 1e-4 * one, message, got=got)

@@ -22,6 +22,7 @@ from jaxmotion.multiresolution.poses import (
     Times,
     check_single,
     checked_times,
+    increasing,
     motion_of,
     poses_of,
     spacing_of,
@@ -99,8 +100,10 @@ def coarser_times(times: Times) -> Float[Array, " coarse"]:
 
     **Arguments:** ``times``: f[T], increasing, any unit.
     **Returns:** f[T//2 + 1].
+    **Raises:** ``ValueError`` for times that are not f[T] or do not increase; at run time for
+    traced times that do not.
     """
-    times = jnp.asarray(times)
+    times = increasing(times, "coarser_times")
     if len(times) < 2:
         return times
     count = jnp.asarray(len(times), int)

@@ -46,7 +46,9 @@ def least_energy_signs(
     n = q.shape[0]
     times = jnp.arange(n, dtype=q.dtype) if times is None else jnp.asarray(times, q.dtype)
     if times.shape != (n,):
-        raise ValueError(f"times has shape {times.shape}; want ({n},), one a quaternion")
+        raise ValueError(
+            f"least_energy_signs: times has shape {times.shape}; want ({n},), one a quaternion"
+        )
     count, q = counted("least_energy_signs: length", length, n, q)
     return signed(q, times, count)
 

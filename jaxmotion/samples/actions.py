@@ -28,7 +28,7 @@ def idle(num_frames: int = 240, *, fps: Number = 60.0, seed: int = 0, dtype=None
     **Raises:** ``ValueError`` for a number of frames or a rate that is not positive, a negative
     seed, a dtype other than float32 and float64, or float64 where JAX has its 64-bit types off.
     """
-    t = check_timing(num_frames, fps, seed)
+    t = check_timing("idle", num_frames, fps, seed)
     rng = np.random.default_rng(seed)
     skeleton, legs = biped_rig()
     feet = [
@@ -50,7 +50,7 @@ def idle(num_frames: int = 240, *, fps: Number = 60.0, seed: int = 0, dtype=None
         swing, lift = sway(rng, t, 0.07), 0.16 + sway(rng, t, 0.04)
         elbow = 0.25 + sway(rng, t, 0.12)
         place_arm(local, skeleton, name, swing, lift, elbow, spread=0.8 * breath)
-    return make_sample(skeleton, legs, feet, root, local, fps, dtype)
+    return make_sample("idle", skeleton, legs, feet, root, local, fps, dtype)
 
 
 def kick(
@@ -73,9 +73,9 @@ def kick(
     **Raises:** ``ValueError`` for a height or speed that is not positive, a height of more than 2,
     and as :func:`idle`.
     """
-    t = check_timing(num_frames, fps, seed, height=height, speed=speed)
+    t = check_timing("kick", num_frames, fps, seed, height=height, speed=speed)
     if height > 2.0:
-        raise ValueError(f"height={height!r}; a hip flexes by at most 2 radians")
+        raise ValueError(f"kick: height={height!r}; a hip flexes by at most 2 radians")
     rng = np.random.default_rng(seed)
     skeleton, legs = biped_rig()
     beat = 2.5 / speed
@@ -129,7 +129,7 @@ def kick(
     place_arm(
         local, skeleton, "Right", right_swing, 0.2 + 0.5 * onto_left, 0.4 + 0.4 * onto_left, 0.05
     )
-    return make_sample(skeleton, legs, feet, root, local, fps, dtype, extra)
+    return make_sample("kick", skeleton, legs, feet, root, local, fps, dtype, extra)
 
 
 def jump(
@@ -149,10 +149,10 @@ def jump(
     **Raises:** ``ValueError`` for a height or distance that is not positive or beyond these bounds,
     and as :func:`idle`.
     """
-    t = check_timing(num_frames, fps, seed, height=height, distance=distance)
+    t = check_timing("jump", num_frames, fps, seed, height=height, distance=distance)
     for name, value, most in (("height", height, 0.6), ("distance", distance, 1.2)):
         if value > most:
-            raise ValueError(f"{name}={value!r}; a jump's {name} is at most {most} metres")
+            raise ValueError(f"jump: {name}={value!r}; a jump's {name} is at most {most} metres")
     rng = np.random.default_rng(seed)
     skeleton, legs = biped_rig()
     beat = 2.5
@@ -185,7 +185,7 @@ def jump(
     elbow = keyed(now, (0.05, 0.48, 0.95, 1.70, 2.35), (0.25, 0.35, 0.6, 0.8, 0.25))
     for side in ("Left", "Right"):
         place_arm(local, skeleton, side, swing + sway(rng, t, 0.04), 0.18, elbow, 0.0)
-    return make_sample(skeleton, legs, feet, root, local, fps, dtype)
+    return make_sample("jump", skeleton, legs, feet, root, local, fps, dtype)
 
 
 def dance(
@@ -205,7 +205,7 @@ def dance(
     **Returns:** a :class:`Sample` with six contact points.
     **Raises:** ``ValueError`` for a tempo that is not positive, and as :func:`idle`.
     """
-    t = check_timing(num_frames, fps, seed, tempo=tempo)
+    t = check_timing("dance", num_frames, fps, seed, tempo=tempo)
     rng = np.random.default_rng(seed)
     skeleton, legs = biped_rig()
     beat = 60.0 / tempo
@@ -250,4 +250,4 @@ def dance(
         swing = 0.35 + 0.55 * np.cos(wave) + sway(rng, t, 0.15)
         elbow = 0.85 + 0.6 * np.sin(0.5 * pulse + phase)
         place_arm(local, skeleton, side, swing, lift, elbow, 0.12 * (1.0 + np.sin(wave)))
-    return make_sample(skeleton, legs, feet, root, local, fps, dtype)
+    return make_sample("dance", skeleton, legs, feet, root, local, fps, dtype)

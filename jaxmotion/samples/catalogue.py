@@ -7,7 +7,7 @@ import jax
 from jaxmotion._checks import one_of
 from jaxmotion._types import ScalarLike
 from jaxmotion.samples.actions import dance, idle, jump, kick
-from jaxmotion.samples.corruptions import Corrupted, add_noise
+from jaxmotion.samples.corruptions import Corrupted, add_noise, not_negative
 from jaxmotion.samples.gaits import quadruped_trot, quadruped_walk, run, walk
 from jaxmotion.samples.posing import Sample
 
@@ -53,6 +53,8 @@ def clean_and_noisy(
     **Returns:** the clean :class:`Sample` and the :class:`Corrupted`.
     **Raises:** ``ValueError`` as :func:`load` and :func:`add_noise`.
     """
+    one_of("clean_and_noisy: name", name, _CLIPS)
     sample = load(name, seed=seed, **options)
+    not_negative("clean_and_noisy", sample.motion, rotation=rotation, translation=translation)
     noise_key = jax.random.key(seed)
     return sample, add_noise(sample.motion, noise_key, rotation=rotation, translation=translation)

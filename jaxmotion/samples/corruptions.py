@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, PRNGKeyArray, UInt32
 from jaxmotion import quaternion
 from jaxmotion._checks import known, require
 from jaxmotion._file_facts import compiled
-from jaxmotion._types import ScalarLike
+from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.motion import Motion
 
 Key = PRNGKeyArray | UInt32[Array, "2"]
@@ -50,7 +50,7 @@ def add_noise(
     **Returns:** :class:`Corrupted`.
     **Raises:** ``ValueError`` for a negative amount, at run time where it is traced.
     """
-    motion = _not_negative("add_noise", motion, rotation=rotation, translation=translation)
+    motion = not_negative("add_noise", motion, rotation=rotation, translation=translation)
     kind = motion.dtype
     return _add_noise(motion, key, jnp.asarray(rotation, kind), jnp.asarray(translation, kind))
 
@@ -81,7 +81,7 @@ def slide_root(motion: Motion, key: Key, *, amount: ScalarLike = 0.1) -> Corrupt
     **Returns:** :class:`Corrupted`; the mask tells the root.
     **Raises:** ``ValueError`` for a negative amount, at run time where it is traced.
     """
-    motion = _not_negative("slide_root", motion, amount=amount)
+    motion = not_negative("slide_root", motion, amount=amount)
     return _slide(motion, key, jnp.asarray(amount, motion.dtype))
 
 
@@ -160,14 +160,22 @@ def replace_where(motion, mask, rotations) -> Corrupted:
     return Corrupted(motion.with_transforms(rotations=kept), mask)
 
 
-def _not_negative(who: str, motion: Motion, **amounts: ScalarLike) -> Motion:
+def not_negative(who: str, motion: Motion, **amounts: ScalarLike) -> Motion:
+    """The motion, unless an amount is no number of 0 or more."""
     for name, value in amounts.items():
-        wrong = ~(known(value) >= 0).all()
+        wrong = ~(_one_number(who, name, value) >= 0)
         motion = require(motion, wrong, f"{who}: {name} must be 0 or more", got=value)
     return motion
 
 
 def _with_share(who: str, motion: Motion, rate: ScalarLike) -> Motion:
-    share = known(rate)
-    wrong = ~((share >= 0) & (share <= 1)).all()
+    share = _one_number(who, "rate", rate)
+    wrong = ~((share >= 0) & (share <= 1))
     return require(motion, wrong, f"{who}: rate must be a share from 0 to 1", got=rate)
+
+
+def _one_number(who: str, name: str, value: ScalarLike) -> AnyArray:
+    number = known(value)
+    if number.shape != ():
+        raise ValueError(f"{who}: {name} has shape {number.shape}; expected one number")
+    return number

@@ -84,7 +84,7 @@ def walk(
     turning that is not finite, a negative seed, a dtype as for :func:`idle`, or a stride the legs
     cannot make.
     """
-    return _two_legs(_WALK, num_frames, fps, speed, stride, turning, seed, dtype)
+    return _two_legs("walk", _WALK, num_frames, fps, speed, stride, turning, seed, dtype)
 
 
 def run(
@@ -104,7 +104,7 @@ def run(
     **Returns:** a :class:`Sample` with six contact points (heels, balls, toes).
     **Raises:** ``ValueError`` as :func:`walk`.
     """
-    return _two_legs(_RUN, num_frames, fps, speed, stride, turning, seed, dtype)
+    return _two_legs("run", _RUN, num_frames, fps, speed, stride, turning, seed, dtype)
 
 
 def quadruped_walk(
@@ -125,7 +125,9 @@ def quadruped_walk(
     **Raises:** ``ValueError`` as :func:`walk`.
     """
     phases, duty = (0.0, 0.5, 0.25, 0.75), 0.65
-    return _four_legs(phases, duty, num_frames, fps, speed, stride, turning, seed, dtype)
+    return _four_legs(
+        "quadruped_walk", phases, duty, num_frames, fps, speed, stride, turning, seed, dtype
+    )
 
 
 def quadruped_trot(
@@ -146,12 +148,14 @@ def quadruped_trot(
     **Raises:** ``ValueError`` as :func:`walk`.
     """
     phases, duty = (0.0, 0.5, 0.5, 0.0), 0.44
-    return _four_legs(phases, duty, num_frames, fps, speed, stride, turning, seed, dtype)
+    return _four_legs(
+        "quadruped_trot", phases, duty, num_frames, fps, speed, stride, turning, seed, dtype
+    )
 
 
-def _two_legs(gait: _Gait, num_frames, fps, speed, stride, turning, seed, dtype) -> Sample:
-    t = check_timing(num_frames, fps, seed, speed=speed, stride=stride)
-    _check_turning(turning)
+def _two_legs(caller, gait: _Gait, num_frames, fps, speed, stride, turning, seed, dtype) -> Sample:
+    t = check_timing(caller, num_frames, fps, seed, speed=speed, stride=stride)
+    _check_turning(caller, turning)
     rng = np.random.default_rng(seed)
     skeleton, legs = biped_rig()
     period = stride / speed
@@ -190,12 +194,14 @@ def _two_legs(gait: _Gait, num_frames, fps, speed, stride, turning, seed, dtype)
         swing = gait.arm_swing * (forward - 0.15) + sway(rng, t, 0.03)
         elbow = gait.elbow + 0.16 * (1.0 + forward)
         place_arm(local, skeleton, side, swing, 0.14 + 0.02 * over_left, elbow, 0.0)
-    return make_sample(skeleton, legs, feet, root, local, fps, dtype)
+    return make_sample(caller, skeleton, legs, feet, root, local, fps, dtype)
 
 
-def _four_legs(phases, duty, num_frames, fps, speed, stride, turning, seed, dtype) -> Sample:
-    t = check_timing(num_frames, fps, seed, speed=speed, stride=stride)
-    _check_turning(turning)
+def _four_legs(
+    caller, phases, duty, num_frames, fps, speed, stride, turning, seed, dtype
+) -> Sample:
+    t = check_timing(caller, num_frames, fps, seed, speed=speed, stride=stride)
+    _check_turning(caller, turning)
     rng = np.random.default_rng(seed)
     skeleton, legs = quadruped_rig()
     period = stride / speed
@@ -221,7 +227,7 @@ def _four_legs(phases, duty, num_frames, fps, speed, stride, turning, seed, dtyp
     for side, phase in (("Left", phases[2]), ("Right", phases[3])):
         reach = -0.18 * np.cos(cycle - 2.0 * np.pi * phase)
         local[:, skeleton.index(f"{side}Shoulder")] = about("x", reach)
-    return make_sample(skeleton, legs, feet, root, local, fps, dtype)
+    return make_sample(caller, skeleton, legs, feet, root, local, fps, dtype)
 
 
 def _paw(skeleton: Skeleton, leg: Leg, t, phase, duty, period, speed, turning, seed):
@@ -281,6 +287,6 @@ def _bank(speed, turning):
     return -float(np.clip(speed * turning / 9.81, -0.3, 0.3))
 
 
-def _check_turning(turning):
+def _check_turning(caller, turning):
     if not (np.ndim(turning) == 0 and np.isfinite(turning)):
-        raise ValueError(f"turning={turning!r}; expected a number of radians per second")
+        raise ValueError(f"{caller}: turning={turning!r}; expected a number of radians per second")

@@ -137,6 +137,11 @@ def swap_limbs(
     if not chosen:
         raise ValueError("swap_limbs: no joints called Left… and Right…; give pairs=[(i, j), …]")
     both = [j for pair in chosen for j in pair]
+    count = motion.num_joints
+    if any(len(pair) != 2 for pair in chosen) or not all(0 <= j < count for j in both):
+        raise ValueError(
+            f"swap_limbs: pairs={chosen!r}; expected pairs of joints from 0 to {count - 1}"
+        )
     if len(set(both)) != len(both):
         raise ValueError(f"swap_limbs: pairs={chosen!r} names a joint twice")
     _check_runs("swap_limbs", motion, runs, length, both)
@@ -157,6 +162,7 @@ def inject_errors(
     **Returns:** :class:`Corrupted`.
     **Raises:** ``ValueError`` as :func:`offset_joints`.
     """
+    _check_runs("inject_errors", motion, runs, length, None)
     offsets, limits, frozen, spikes = jax.random.split(key, 4)
     damaged = offset_joints(motion, offsets, runs=runs, length=length)
     mask = damaged.mask

@@ -64,19 +64,23 @@ class Sample(eqx.Module):
         return self.contacts | (height >= self.floor + distance)
 
 
-def check_timing(num_frames: int, fps: Number, seed: int, **positive: Number) -> np.ndarray:
+def check_timing(
+    caller: str, num_frames: int, fps: Number, seed: int, **positive: Number
+) -> np.ndarray:
     """Frame times f[T] in seconds.
 
     **Raises:** ``ValueError`` for a bad number of frames, rate or seed, or any of ``positive``
     that is not a positive number.
     """
     if not isinstance(num_frames, (int, np.integer)) or num_frames < 1:
-        raise ValueError(f"num_frames={num_frames!r}; expected a whole number of at least 1")
+        raise ValueError(
+            f"{caller}: num_frames={num_frames!r}; expected a whole number of at least 1"
+        )
     if not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise ValueError(f"seed={seed!r}; expected a whole number of at least 0")
+        raise ValueError(f"{caller}: seed={seed!r}; expected a whole number of at least 0")
     for name, value in {"fps": fps, **positive}.items():
         if not (np.ndim(value) == 0 and np.isfinite(value) and value > 0):
-            raise ValueError(f"{name}={value!r}; expected a positive number")
+            raise ValueError(f"{caller}: {name}={value!r}; expected a positive number")
     return np.arange(num_frames) / fps
 
 
@@ -109,6 +113,7 @@ def place_arm(local, skeleton: Skeleton, side: str, swing, lift, elbow, spread) 
 
 
 def make_sample(
+    caller: str,
     skeleton: Skeleton,
     legs: tuple[Leg, ...],
     feet: list[FootPath],
@@ -126,7 +131,7 @@ def make_sample(
     **Raises:** ``ValueError`` if a leg cannot reach its foot wherever the pelvis' height.
     """
     lift = np.zeros(3)
-    lift[1] = -_lowering(skeleton, legs, feet, root, local)
+    lift[1] = -_lowering(caller, skeleton, legs, feet, root, local)
     root = root + lift
     for leg, foot in zip(legs, feet, strict=True):
         _solve_leg(skeleton, leg, foot, root, local)
@@ -135,7 +140,7 @@ def make_sample(
     points = [(*point, foot) for leg, foot in zip(legs, feet, strict=True) for point in leg.points]
     contacts = [foot.heel_down if by == "heel" else foot.ball_down for *_, by, foot in points]
     positions = [_point(skeleton, root, local, j, offset) for _, j, offset, _, _ in points]
-    kind = float_type(dtype)
+    kind = float_type(caller, dtype)
     return Sample(
         motion=_motion(skeleton, root, local, fps, kind),
         contacts=jnp.asarray(np.stack(contacts, axis=1)),
@@ -202,7 +207,7 @@ def _bones(skeleton, leg):
     return (np.asarray(skeleton.offsets[j], float) for j in (leg.knee, leg.ankle))
 
 
-def _lowering(skeleton, legs, feet, root, local) -> float:
+def _lowering(caller, skeleton, legs, feet, root, local) -> float:
     needed = 0.0
     for leg, foot in zip(legs, feet, strict=True):
         reach = _FULL_REACH * sum(np.linalg.norm(bone) for bone in _bones(skeleton, leg))
@@ -210,8 +215,8 @@ def _lowering(skeleton, legs, feet, root, local) -> float:
         room = reach**2 - apart[:, 0] ** 2 - apart[:, 2] ** 2
         if np.min(room) <= (0.3 * reach) ** 2:
             raise ValueError(
-                f"the step is too long for a leg of {reach:.2f} m: a hip and its ankle would be "
-                f"{np.sqrt(reach**2 - np.min(room)):.2f} m apart along the floor; "
+                f"{caller}: the step is too long for a leg of {reach:.2f} m: a hip and its ankle "
+                f"would be {np.sqrt(reach**2 - np.min(room)):.2f} m apart along the floor; "
                 "ask for a shorter stride"
             )
         needed = max(needed, float(np.max(apart[:, 1] - np.sqrt(room))))

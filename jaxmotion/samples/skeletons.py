@@ -90,7 +90,7 @@ def biped(dtype=None) -> Skeleton:
     **Returns:** a :class:`~jaxmotion.Skeleton`, Y up, facing +Z, in a T-pose.
     **Raises:** ``ValueError`` for a dtype as for :func:`idle`.
     """
-    return _build(_BIPED, _BIPED_ENDS, float_type(dtype))
+    return _build(_BIPED, _BIPED_ENDS, float_type("biped", dtype))
 
 
 def quadruped(dtype=None) -> Skeleton:
@@ -100,7 +100,7 @@ def quadruped(dtype=None) -> Skeleton:
     **Returns:** a :class:`~jaxmotion.Skeleton`, Y up, facing +Z, standing.
     **Raises:** ``ValueError`` for a dtype as for :func:`idle`.
     """
-    return _build(_QUADRUPED, _QUADRUPED_ENDS, float_type(dtype))
+    return _build(_QUADRUPED, _QUADRUPED_ENDS, float_type("quadruped", dtype))
 
 
 def biped_rig() -> tuple[Skeleton, tuple[Leg, ...]]:
@@ -142,7 +142,7 @@ def quadruped_rig() -> tuple[Skeleton, tuple[Leg, ...]]:
     )
 
 
-def float_type(dtype) -> np.dtype:
+def float_type(caller: str, dtype) -> np.dtype:
     """The numpy dtype meant: JAX's default float for None.
 
     **Raises:** ``ValueError`` if it is not float32 or float64, or float64 is switched off in JAX.
@@ -151,11 +151,11 @@ def float_type(dtype) -> np.dtype:
         return np.dtype(jax.dtypes.canonicalize_dtype(float))
     wanted = np.dtype(dtype)
     if wanted not in (np.dtype(np.float32), np.dtype(np.float64)):
-        raise ValueError(f"dtype={dtype!r}; expected float32 or float64")
+        raise ValueError(f"{caller}: dtype={dtype!r}; expected float32 or float64")
     if jax.dtypes.canonicalize_dtype(wanted) != wanted:
         raise ValueError(
-            "dtype=float64 needs 64-bit JAX: jax.config.update('jax_enable_x64', True), "
-            "or ask for float32"
+            f"{caller}: dtype=float64 needs 64-bit JAX: "
+            "jax.config.update('jax_enable_x64', True), or ask for float32"
         )
     return wanted
 

@@ -28,5 +28,9 @@ def low_pass(
     if x.shape[0] < 3 or x.size == 0:
         return x
     sine = jnp.sin(jnp.pi * jnp.minimum(hertz * jnp.asarray(frame_time), 0.5))
-    weights = None if counts is None else counts.astype(x.dtype)
-    return lgs(x, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
+    if counts is None:
+        return lgs(x, 0.25 / sine**2, 1.0, scale="unit").mean
+    few = jnp.sum(counts) < 3
+    weights = (counts | few).astype(x.dtype)
+    smooth = lgs(x, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
+    return jnp.where(few, x, smooth)

@@ -84,7 +84,7 @@ def soft_dtw(
     **Raises:** ``ValueError`` for bad shapes or lengths, an unknown metric, or a gamma that is not
     positive; at run time for traced ones.
     """
-    return _compiled(_soft_value, x, y, gamma, cost, metric, x_length, y_length)
+    return _compiled("soft_dtw", _soft_value, x, y, gamma, cost, metric, x_length, y_length)
 
 
 def soft_alignment(
@@ -107,13 +107,13 @@ def soft_alignment(
     **Raises:** as :func:`soft_dtw`.
     """
     arguments = (x, y, gamma, cost, metric, x_length, y_length)
-    return _compiled(_value_and_alignment, *arguments)[1]
+    return _compiled("soft_alignment", _value_and_alignment, *arguments)[1]
 
 
-def _compiled(function, x, y, gamma, cost, metric, x_length, y_length):
-    clips, n, m = counted_pair("soft_dtw", x, y, cost, x_length, y_length)
+def _compiled(caller, function, x, y, gamma, cost, metric, x_length, y_length):
+    clips, n, m = counted_pair(caller, x, y, cost, x_length, y_length)
     given = jnp.asarray(gamma)
-    message = "soft_dtw: gamma must be a temperature above 0"
+    message = f"{caller}: gamma must be a temperature above 0"
     # XLA takes numbers below the dtype's normal ones for 0; the value is that of dtw there.
     bad = ~(given >= 0) if traced(gamma) else not known(gamma) > 0
     clips = require(clips, bad, message, got=gamma)

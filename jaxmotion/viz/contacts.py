@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxmotion._plain import printable
 from jaxmotion.contacts import Contacts, intervals
+from jaxmotion.contacts.contact import check_frames
 from jaxmotion.motion import Motion
 
 if TYPE_CHECKING:
@@ -25,11 +26,7 @@ def plot_contacts(motion: Motion, contacts: Contacts) -> "Figure":
     """
     from matplotlib.figure import Figure
 
-    if contacts.num_frames != motion.num_frames:
-        raise ValueError(
-            f"plot_contacts: contacts of {contacts.num_frames} frames for a motion of "
-            f"{motion.num_frames}"
-        )
+    check_frames(motion, contacts, "plot_contacts")
     seconds = float(motion.frame_time)
     up = motion.skeleton.up_axis
     heights = np.asarray(contacts.points.positions(motion))[..., up]

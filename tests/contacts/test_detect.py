@@ -9,7 +9,7 @@ import pytest
 import jaxmotion as jm
 from jaxmotion.contacts import LINE, PLANE, POINT, ContactPoints, detect, find_feet, replant, rigid
 from jaxmotion.metrics import contact_scores
-from tests.helpers import assert_trees_close, check_gradients
+from tests.helpers import assert_trees_close, check_gradients, no_shape_checks
 
 METHODS = ["segments", "thresholds"]
 
@@ -231,3 +231,40 @@ def test_real_walks_always_have_a_foot_down(data_dir):
             mask = np.asarray(detect(motion, method=method).mask)
             assert np.mean(mask.any(1)) > 0.97, path
             assert np.all((mask.mean(0) > 0.2) & (mask.mean(0) < 0.7)), path
+
+
+def test_one_frame_that_counts_is_a_clip_of_one_frame(walk):
+    motion, points = walk.motion, true_points(walk)
+    got = detect(motion, method="thresholds", points=points, length=1)
+    want = detect(motion[:1], method="thresholds", points=points)
+    np.testing.assert_array_equal(got.mask[:1], want.mask)
+    assert want.mask.any()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_derivatives_are_finite_beside_padding(walk, method):
+    points = true_points(walk)
+
+    def f(root):
+        moved = walk.motion.with_transforms(walk.motion.translations.at[:, 0].add(root))
+        return detect(moved, method=method, points=points, window=4, length=70).confidence
+
+    slope = jax.jit(jax.grad(lambda root: jnp.sum(f(root))))(jnp.zeros((90, 3)))
+    assert jnp.all(jnp.isfinite(slope))
+    assert jnp.all(slope[70:] == 0)
+
+
+def test_wrong_arguments_are_named(walk):
+    motion, points = walk.motion, true_points(walk)
+    contacts = detect(motion[:20], points=points)
+    with no_shape_checks():
+        for frames in (1, 19, 21):
+            with pytest.raises(ValueError, match=f"replant: contacts have 20 .* motion {frames};"):
+                replant(motion[:frames], contacts)
+        for bad in (0.0, -1.0):
+            with pytest.raises(ValueError, match=f"detect: tolerance must be above 0, got {bad}"):
+                detect(motion, points=points, tolerance=bad)
+        with pytest.raises(ValueError, match=r"detect: tolerance has shape \(2,\)"):
+            detect(motion, points=points, tolerance=np.ones(2))
+        with pytest.raises(ValueError, match="limb_lengths: length must be a whole number"):
+            jm.contacts.limb_lengths(motion, points, length=91)

@@ -269,3 +269,17 @@ def test_what_is_refused(skating):
     wanted = Contacts(crossed, np.ones((FRAMES, 2), bool), np.zeros((FRAMES, 2, 3)))
     with pytest.raises(ValueError, match="'LeftLeg' belongs to two limbs"):
         cleanup_footskate(motion, wanted)
+
+
+def test_wrong_stretches_and_fades_are_named(skating):
+    motion, contacts, _ = skating
+    with no_shape_checks():
+        for bad in (-0.1, np.nan, np.ones(2)):
+            with pytest.raises(ValueError, match="cleanup_footskate: stretch="):
+                cleanup_footskate(motion, contacts, stretch=bad)
+        with pytest.raises(ValueError, match=r"cleanup_footskate: stretch=.* not traced"):
+            jax.eval_shape(lambda s: cleanup_footskate(motion, contacts, stretch=s), 0.02)
+        with pytest.raises(ValueError, match=r"cleanup_footskate: fade must be 0 .*, got -0\.1"):
+            cleanup_footskate(motion, contacts, fade=-0.1)
+        with pytest.raises(ValueError, match=r"cleanup_footskate: fade has shape \(2,\)"):
+            cleanup_footskate(motion, contacts, fade=np.ones(2))

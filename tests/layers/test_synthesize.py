@@ -184,3 +184,23 @@ def test_wrong_shapes_are_named_and_dtype_is_kept(layers):
         plus(layers.base, Displacement(jnp.zeros((1, 3, 3)), jnp.zeros((1, 3, 3))))
     single = jax.tree.map(lambda x: x.astype(np.float32), swinging())
     assert jm.denoise(single, strength=0.7).rotations.dtype == np.float32
+
+
+def test_errors_name_the_edit_that_was_called():
+    walk = jm.samples.walk(9, fps=30.0).motion
+    few = jm.contacts.detect(walk[:4])
+    layers = jm.decompose(walk)
+    for name, run in {
+        "stylize: alpha has": lambda: jm.stylize(walk, np.ones(2)),
+        "stylize: residual has": lambda: jm.stylize(walk, 1.0, residual=np.ones(2)),
+        "stylize: gamma must": lambda: jm.stylize(walk, 1.0, gamma=4.0),
+        "stylize: length must": lambda: jm.stylize(walk, 1.0, length=10),
+        "stylize: contacts have 4": lambda: jm.stylize(walk, 1.0, keep_contacts=few),
+        "synthesize: contacts have 4": lambda: jm.synthesize(layers, keep_contacts=few),
+        "synthesize: residual has": lambda: jm.synthesize(layers, 1.0, np.ones(2)),
+        "denoise: weights have": lambda: jm.denoise(walk, weights=np.ones(2)),
+        "denoise: strength has": lambda: jm.denoise(walk, strength=np.ones(2)),
+        "decompose: weights have": lambda: jm.decompose(walk, weights=np.ones(2)),
+    }.items():
+        with no_shape_checks(), pytest.raises(ValueError, match=f"^{name}"):
+            run()

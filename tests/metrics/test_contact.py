@@ -77,3 +77,12 @@ def test_jerk_of_a_cubic_and_errors_of_a_shift(motion):
     np.testing.assert_allclose(joint_position_error(moved, motion, relative=True), 0, atol=1e-5)
     with no_shape_checks(), pytest.raises(ValueError, match="they must agree"):
         joint_position_error(moved, motion[:3])
+
+
+def test_errors_name_the_measure_that_was_called():
+    motion = jm.samples.walk(9, fps=30.0).motion
+    contacts = jm.contacts.detect(motion)
+    for measure in (slides, foot_skate):
+        name = f"{measure.__name__}: contacts have 9 frames, the motion 4"
+        with no_shape_checks(), pytest.raises(ValueError, match=name):
+            measure(motion[:4], contacts)

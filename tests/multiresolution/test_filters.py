@@ -121,3 +121,16 @@ def test_wrong_masks(clip):
     batch = jax.tree.map(lambda x: np.stack([x, x]), clip)
     with no_shape_checks(), pytest.raises(ValueError, match="vmap over several"):
         filter_motion(batch, smoothing_mask())
+
+
+def test_errors_name_the_filter_that_was_called(clip):
+    calls = {
+        "orientation_filter": lambda mask: orientation_filter(clip.rotations, mask),
+        "vector_filter": lambda mask: vector_filter(clip.translations, mask),
+        "filter_motion": lambda mask: filter_motion(clip, mask),
+    }
+    for name, call in calls.items():
+        with no_shape_checks(), pytest.raises(ValueError, match=rf"{name}: mask has shape \(4,\)"):
+            call(np.ones(4) / 4)
+        with pytest.raises(ValueError, match=f"{name}: the mask must sum to 1"):
+            call(np.ones(3))

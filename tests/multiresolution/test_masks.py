@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxmotion.multiresolution import band_pass_mask, binomial_mask, smoothing_mask
-from tests.helpers import check_gradients
+from tests.helpers import check_gradients, no_shape_checks
 
 
 def gain(mask, omega):
@@ -81,3 +81,10 @@ def test_wrong_arguments():
         binomial_mask(-1)
     with pytest.raises(ValueError, match=r"low=0\.3, high=0\.2"):
         band_pass_mask(0.3, 0.2, 5)
+
+
+def test_times_that_do_not_increase_are_refused():
+    with pytest.raises(ValueError, match="smoothing_mask: times must increase"):
+        smoothing_mask(times=np.array([0.0, 1.0, 1.0, 2.0]))
+    with no_shape_checks(), pytest.raises(ValueError, match=r"times has shape \(2, 2\)"):
+        smoothing_mask(times=np.ones((2, 2)))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import jaxmotion as jm
 from jaxmotion import quaternion
 from jaxmotion.multiresolution import blend, build_pyramid, level_of_detail, scale_details
 from tests.helpers import assert_same_rotation, no_shape_checks
@@ -185,3 +186,39 @@ def test_second_derivatives_by_a_gain():
     want = (first(1.1 + 1e-5) - first(1.1 - 1e-5)) / 2e-5
     for second in (jax.hessian(loss), jax.jacfwd(jax.jacfwd(loss)), jax.grad(jax.grad(loss))):
         np.testing.assert_allclose(jax.jit(second)(1.1), want, rtol=1e-6)
+
+
+def test_errors_name_the_edit_that_was_called():
+    walk = jm.samples.walk(17, fps=30.0).motion
+    pyramid, few = build_pyramid(walk, 1), jm.contacts.detect(walk[:9])
+    kept = {
+        "scale_details": lambda c: scale_details(pyramid, 2.0, keep_contacts=c),
+        "level_of_detail": lambda c: level_of_detail(pyramid, 0, keep_contacts=c),
+        "blend": lambda c: blend(walk, walk, walk, 1, keep_contacts=c),
+    }
+    for name, edit in kept.items():
+        with pytest.raises(ValueError, match=f"{name}: contacts have 9 frames, the motion 17"):
+            edit(few)
+    with pytest.raises(ValueError, match=r"scale_details: keep_contacts=True, but .* traced"):
+        jax.eval_shape(lambda g: scale_details(pyramid, g, keep_contacts=True), 2.0)
+    with pytest.raises(ValueError, match="blend: levels=9"):
+        blend(walk, walk, walk, 9)
+    with no_shape_checks():
+        with pytest.raises(ValueError, match=r"level_of_detail: level has shape \(1,\)"):
+            level_of_detail(pyramid, np.ones(1))
+        with pytest.raises(ValueError, match="blend: times has shape"):
+            blend(walk, walk, walk, 1, times=np.arange(3.0))
+
+
+def test_only_clips_of_one_kind_blend():
+    walk = swaying(9)
+    slow = walk.replace(frame_time=2 * walk.frame_time)
+    bones = walk.skeleton
+    names = [f"other{j}" for j in range(bones.num_joints)]
+    other = walk.replace(skeleton=jm.Skeleton(names, bones.parents, bones.offsets))
+    for clips in ((walk, slow, walk), (walk, walk, slow), (slow, walk, walk)):
+        with pytest.raises(ValueError, match="blend: the clips must have one frame time"):
+            blend(*clips, 1)
+    for clips in ((walk, other, walk), (walk, walk, other)):
+        with pytest.raises(ValueError, match="blend: the clips have different joints"):
+            blend(*clips, 1)

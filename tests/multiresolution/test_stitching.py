@@ -152,3 +152,51 @@ def test_real_walks_join_without_a_seam(data_dir, first, second):
         allowed = max(np.percentile(own, 95), np.percentile(other, 95))
         assert smooth[64 - 8 : 64 + 8].max() <= allowed
         assert rough[a.num_frames - 8 : a.num_frames + 8].max() > allowed
+
+
+def test_errors_name_the_function_that_was_called():
+    clip, other = swaying(9), swaying(9, joints=2)
+    batch = jax.tree.map(lambda x: np.stack([x, x]), clip)
+    calls = {
+        "stitch": lambda a, b: stitch([a, b]),
+        "follow": follow,
+        "best_cut": lambda a, b: best_cut(a, b, 1),
+    }
+    for name, call in calls.items():
+        with no_shape_checks():
+            with pytest.raises(ValueError, match=f"{name}: the clips have different joints"):
+                call(clip, other)
+            for pair in ((clip, batch), (batch, clip)):
+                with pytest.raises(ValueError, match=f"{name}: .*vmap over several"):
+                    call(*pair)
+        with pytest.raises(ValueError, match=f"{name}: the clips must have one frame time"):
+            call(clip, clip.replace(frame_time=2 * clip.frame_time))
+    for bad in (-1, 1.5):
+        with no_shape_checks():
+            with pytest.raises(ValueError, match=f"best_cut: search={bad}; expected a whole"):
+                best_cut(clip, clip, bad)
+            for clips in ([clip], [clip, clip]):
+                with pytest.raises(ValueError, match=f"stitch: search={bad}; expected a whole"):
+                    stitch(clips, search=bad)
+    with pytest.raises(ValueError, match="stitch: levels=9"):
+        stitch([clip], 9)
+
+
+def test_a_cut_is_not_searched_in_traced_clips():
+    clip = swaying(9)
+
+    def at(frame_time):
+        return clip.replace(frame_time=frame_time)
+
+    for name, run in {
+        "best_cut": lambda h: best_cut(clip, at(h), 1),
+        "stitch": lambda h: stitch([clip, at(h)], 1, search=1).rotations,
+    }.items():
+        with pytest.raises(ValueError, match=f"{name}: the clips are traced"):
+            jax.eval_shape(run, clip.frame_time)
+
+
+def test_contacts_are_those_of_the_result():
+    walk = jm.samples.walk(17, fps=30.0).motion
+    with pytest.raises(ValueError, match="stitch: contacts have 17 frames, the motion 33"):
+        stitch([walk, walk], 1, keep_contacts=jm.contacts.detect(walk))

@@ -111,3 +111,10 @@ def test_wrong_arguments(clip):
         reduce(clip, times=np.arange(3.0))
     with pytest.raises(ValueError, match="times must increase"):
         reduce(clip, times=np.zeros(9))
+
+
+def test_coarser_times_are_of_times_that_increase():
+    with pytest.raises(ValueError, match="coarser_times: times must increase"):
+        coarser_times(np.array([0.0, 2.0, 1.0]))
+    with no_shape_checks(), pytest.raises(ValueError, match=r"coarser_times: times has shape \(\)"):
+        coarser_times(np.array(1.0))

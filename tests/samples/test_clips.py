@@ -263,3 +263,22 @@ def test_clean_and_noisy():
     assert shift.std() == pytest.approx(0.01, rel=0.1)
     again = samples.clean_and_noisy("kick", num_frames=200, rotation=0.05, translation=0.01)[1]
     jax.tree.map(np.testing.assert_array_equal, again, noisy)
+
+
+@pytest.mark.parametrize("name", CLIPS)
+def test_errors_name_the_clip_that_was_called(name):
+    bad = ({"num_frames": 0}, {"fps": 0.0}, {"seed": -1}, {"dtype": np.float16})
+    if name in ("walk", "run", "quadruped_walk", "quadruped_trot"):
+        bad += ({"turning": np.inf}, {"stride": 9.0})
+    for options in bad:
+        with pytest.raises(ValueError, match=f"^{name}: "):
+            getattr(samples, name)(**options)
+
+
+def test_errors_name_the_skeleton_and_the_pair_that_were_called():
+    for make in (samples.biped, samples.quadruped):
+        with pytest.raises(ValueError, match=f"^{make.__name__}: dtype="):
+            make(np.float16)
+    for options in ({"name": "moonwalk"}, {"rotation": -1.0}):
+        with pytest.raises(ValueError, match=r"^clean_and_noisy: "):
+            samples.clean_and_noisy(num_frames=9, **options)

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from jaxmotion import samples
-from tests.helpers import angle_between, assert_same_rotation, random_motion, random_skeleton
+from tests.helpers import (
+    angle_between,
+    assert_same_rotation,
+    no_shape_checks,
+    random_motion,
+    random_skeleton,
+)
 
 KEY = jax.random.key(3)
 ALL = {
@@ -248,4 +254,22 @@ def test_flipped_signs_are_the_same_rotations(walk, damaged):
 )
 def test_bad_arguments(walk, name, options, message):
     with pytest.raises(ValueError, match=message):
+        getattr(samples, name)(walk, KEY, **options)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("swap_limbs", {"pairs": [(1, 99)]}, "swap_limbs: pairs=.* joints from 0 to 21"),
+        ("swap_limbs", {"pairs": [(1, 2, 3)]}, "swap_limbs: pairs="),
+        ("add_noise", {"rotation": np.ones(3)}, r"add_noise: rotation has shape \(3,\)"),
+        ("add_noise", {"translation": np.ones((9, 1))}, "add_noise: translation has shape"),
+        ("drop_frames", {"rate": np.ones(2) / 2}, "drop_frames: rate has shape"),
+        ("flip_signs", {"rate": np.ones(2) / 2}, "flip_signs: rate has shape"),
+        ("slide_root", {"amount": np.ones(2)}, "slide_root: amount has shape"),
+        ("inject_errors", {"runs": 0}, "inject_errors: runs=0"),
+    ],
+)
+def test_errors_name_what_was_called(walk, name, options, message):
+    with no_shape_checks(), pytest.raises(ValueError, match=message):
         getattr(samples, name)(walk, KEY, **options)

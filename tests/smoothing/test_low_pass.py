@@ -36,3 +36,10 @@ def test_short_clips_and_high_cutoffs_stay():
     np.testing.assert_array_equal(low_pass(jnp.asarray(x), CUTOFF, 1 / FPS), x)
     still = np.full((9, 2), 3.0)
     np.testing.assert_allclose(low_pass(jnp.asarray(still), 500.0, 1 / FPS), still, atol=1e-12)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_frames_that_count_stay(count):
+    x = np.random.default_rng(1).normal(size=(9, 3))
+    got = low_pass(jnp.asarray(x), CUTOFF, 1 / FPS, jnp.arange(9) < count)
+    np.testing.assert_array_equal(got[:count], x[:count])

@@ -322,3 +322,11 @@ def test_static_trouble_names_the_argument():
         soft_alignment(x, x, jnp.asarray(-1.0))
     with pytest.raises(ValueError, match="either x and y, or cost="):
         soft_dtw(x)
+
+
+def test_errors_name_the_function_that_was_called():
+    x = np.zeros((4, 2))
+    for function in (soft_dtw, soft_alignment):
+        for name, bad in (("gamma", -1.0), ("x_length", 5)):
+            with pytest.raises(ValueError, match=f"^{function.__name__}: {name}"):
+                function(x, x, **{name: bad})

@@ -39,5 +39,5 @@ def test_no_points_and_wrong_length():
     none = ContactPoints(motion.skeleton, [])
     empty = Contacts(none, np.zeros((9, 0), bool), np.zeros((9, 0, 3)))
     assert len(plot_contacts(motion, empty).axes) == 1
-    with pytest.raises(ValueError, match="contacts of 9 frames for a motion of 5"):
+    with pytest.raises(ValueError, match="plot_contacts: contacts have 9 frames, the motion 5"):
         plot_contacts(motion[:5], two_points(motion))
