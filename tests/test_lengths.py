@@ -90,6 +90,35 @@ def _signs(motion, contacts, length):
     return [jm.quaternion.least_energy_signs(motion.rotations, length=length)[:FRAMES]]
 
 
+def _restored(answer):
+    motion, report = answer
+    fields = report.position_error, report.penetration, report.limit_excess
+    return [
+        *_counted(motion),
+        *(x[:FRAMES] for x in fields),
+        report.cost,
+        report.cost_before,
+        report.num_steps,
+    ]
+
+
+def _satisfied(method):
+    """Everything at once: contacts with ramps, a floor, limits also of joints above no point."""
+
+    def run(motion, contacts, length):
+        joints = motion.num_joints
+        limits = jm.spacetime.JointLimits(
+            jnp.full((joints, 3), -0.2), jnp.full((joints, 3), 0.2), motion.rotations[0]
+        )
+        asked = {"joint_limits": limits, "floor": 0.01, "ramp": 0.1}
+        answer = jm.spacetime.satisfy(
+            motion, contacts, **asked, method=method, max_steps=8, length=length
+        )
+        return _restored(answer)
+
+    return run
+
+
 def _both_ways(function, results):
     """A function of two clips: the padded one as the first, and as the second."""
 
@@ -117,17 +146,20 @@ CASES = {
     "layers.stylize": _edited(jm.stylize, 1.5),
     "multiresolution.build_pyramid": _pyramid,
     "quaternion.least_energy_signs": _signs,
+    "spacetime.keep_contacts": lambda motion, contacts, length: _counted(
+        jm.spacetime.keep_contacts(motion, motion, contacts, length=length)
+    ),
+    "spacetime.restore": lambda motion, contacts, length: _restored(
+        jm.spacetime.restore(motion, contacts, length=length)
+    ),
+    "spacetime.satisfy": _satisfied("gauss_newton"),
+    "spacetime.satisfy[bounds]": _satisfied("bounds"),
     "timing.dtw": _both_ways(jm.timing.dtw, lambda w: [w.cost, w.path[w.mask]]),
     "timing.soft_dtw": _both_ways(jm.timing.soft_dtw, lambda cost: [cost]),
     "timing.soft_alignment": _both_ways(
         jm.timing.soft_alignment, lambda e: [e[:FRAMES, :30] if len(e) >= FRAMES else e[:, :FRAMES]]
     ),
 }
-
-EXCEPTIONS = dict.fromkeys(
-    ("spacetime.keep_contacts", "spacetime.restore"),
-    "frames beyond the length have no contacts, but belong to the clip that is solved for",
-)
 
 
 def test_every_function_that_takes_a_length_is_here():
@@ -139,7 +171,7 @@ def test_every_function_that_takes_a_length_is_here():
                 kinds = inspect.signature(function).parameters.values()
                 if any(p.name.endswith("length") and p.default is None for p in kinds):
                     found.add(f"{room.name.removeprefix('jaxmotion.')}.{name}")
-    assert found == {case.split("[")[0] for case in CASES} | EXCEPTIONS.keys()
+    assert found == {case.split("[")[0] for case in CASES}
 
 
 @pytest.fixture(scope="module")

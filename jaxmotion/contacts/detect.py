@@ -120,7 +120,7 @@ def _detect(
     turns = pose.rotations[:, index]
     offset = quaternion.rotate(turns, jnp.asarray(points.point, motion.dtype))
     positions = pose.positions[:, index] + offset
-    size = _limb_lengths(motion, points, counts)
+    size = mean_limb_lengths(motion, points, counts)
     smoothed = height_speed.smooth(positions, counts, motion.frame_time)
     heights = _heights(smoothed, motion.skeleton.up_axis, floor, size, counts, window)
     short = jnp.round(_SHORT / motion.frame_time).astype(jnp.int32)
@@ -179,10 +179,10 @@ def limb_lengths(
     **Raises:** ``ValueError`` for a length outside 1 to T; at run time for one that is traced.
     """
     count, motion = counted("limb_lengths: length", length, motion.num_frames, motion)
-    return _limb_lengths(motion, points, frame_mask(count, motion.num_frames))
+    return mean_limb_lengths(motion, points, frame_mask(count, motion.num_frames))
 
 
-def _limb_lengths(
+def mean_limb_lengths(
     motion: Motion, points: ContactPoints, counts: Bool[Array, " time"]
 ) -> Float[Array, " point"]:
     lengths = safe_norm(motion.translations)

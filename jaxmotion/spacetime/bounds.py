@@ -56,7 +56,10 @@ def bounded(
     infinite = jnp.full((3,), jnp.inf, z.dtype)
     lower = jnp.concatenate([-infinite, limits.lower.reshape(-1)])
     upper = jnp.concatenate([infinite, limits.upper.reshape(-1)])
-    sides = tuple(jnp.broadcast_to(side, z.shape) for side in (lower, upper))
+    sides = (
+        problem.counted(jnp.broadcast_to(lower, z.shape), -jnp.inf),
+        problem.counted(jnp.broadcast_to(upper, z.shape), jnp.inf),
+    )
     first = about.displacement(problem.motion(z)) / problem.stiffness
     first = jnp.clip(first, *sides)
     solver = _jaxopt().LBFGSB(

@@ -15,7 +15,6 @@ Contacts are found with :func:`jaxmotion.contacts.detect`, or given. Cost as
 import warnings
 from typing import TYPE_CHECKING
 
-import equinox as eqx
 import jax.numpy as jnp
 
 from jaxmotion import spacetime
@@ -23,7 +22,6 @@ from jaxmotion._checks import counted, traced
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, detect, fit_distances
 from jaxmotion.contacts.nearby import contacts_near, motion_near, moved_as, origin_of
-from jaxmotion.frames.count import frame_mask
 from jaxmotion.motion import Motion
 
 if TYPE_CHECKING:
@@ -92,11 +90,10 @@ def restore(
     if weights is None:
         weights = spacetime.Weights(size=_SIZE, bend=_SIZE * _FADE**4, root=_ROOT)
     if length is not None:
-        count, motion = counted("keep_contacts: length", length, contacts.num_frames, motion)
-        counts = frame_mask(count, contacts.num_frames)
-        contacts = eqx.tree_at(lambda c: c.mask, contacts, contacts.mask & counts[:, None])
+        length, motion = counted("keep_contacts: length", length, contacts.num_frames, motion)
     # Near the origin once for both steps, or far away the targets' rounding would come between.
     origin = origin_of(motion)
     start, aimed = motion_near(motion, origin), contacts_near(contacts, origin)
-    answer, report = spacetime.satisfy(start, fit_distances(start, aimed), weights=weights)
+    fitted = fit_distances(start, aimed)
+    answer, report = spacetime.satisfy(start, fitted, weights=weights, length=length)
     return moved_as(motion, start, answer), report

@@ -13,6 +13,9 @@ so that A is the precision of a random walk, drawn forward from independent e:
     v_{t+1} = (1 - m/D) v_t - n/D x_t + e_{t+1},  var e_{t+1} = 1/D      x_{t+1} = x_t + v_{t+1}
     A^-1 = W diag(var e) W^T,                     W: e -> x
 
+Where not all frames count, c = 0 in every bend that reaches one that does not: what lies beyond is
+cut off, and A of the frames that count is that of a clip of their number.
+
 Every number is a sum of positive ones, so float32 holds where A itself, whose entries are c/d times
 apart, does not. Shapes: x ``(T, k)``; c, d scalars, positive. O(T) to factor, O(T k) to solve.
 """
@@ -21,18 +24,25 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
+
+from jaxmotion.frames.count import frame_mask, step_mask
 
 
 class Prior(eqx.Module):
-    """Weights d (``size``) and c (``bend``), both > 0."""
+    """Weights d (``size``) and c (``bend``), both > 0; ``count``: how many frames count, None for
+    all."""
 
     size: Float[Array, ""]
     bend: Float[Array, ""]
+    count: Int[Array, ""] | None = None
 
     def rows(self, x: Float[Array, "time channel"]) -> tuple[Array, Array]:
         """Half the sum of their squares is the cost."""
-        return jnp.sqrt(self.size) * x, jnp.sqrt(self.bend) * jnp.diff(x, n=2, axis=0)
+        bends = jnp.diff(x, n=2, axis=0)
+        if self.count is not None:
+            bends = jnp.where(frame_mask(self.count - 2, len(bends))[:, None], bends, 0)
+        return jnp.sqrt(self.size) * x, jnp.sqrt(self.bend) * bends
 
     def product(self, x: Float[Array, "time channel"]) -> Float[Array, "time channel"]:
         """A x."""
@@ -86,6 +96,8 @@ def random_walk(prior: Prior, num_frames: int) -> Walk:
 
     last = (d, jnp.zeros_like(d), jnp.zeros_like(d))
     free = jnp.arange(num_frames - 1) == 0
+    if prior.count is not None:
+        free = free | ~step_mask(prior.count, num_frames)
     (first, _, _), (spring, drag, variance) = lax.scan(back, last, free, reverse=True)
     nothing = jnp.zeros_like(d)[None]
     return Walk(

@@ -4,9 +4,9 @@
     z = sqrt(W) delta                                          the unknown; W = stiffness
     E = 1/2 |rows|^2 + 1/2 z^T (A x I) z                       A: size and bend, see prior
 
-rows: of all terms, one after the other (:mod:`jaxmotion.spacetime.terms`). K active joints: the
-points' joints and all their ancestors (nothing else moves a point), and the root's position p, so
-d = 3 + 3K. L: a body length, which makes lengths comparable with radians.
+rows: of all terms, one after the other (:mod:`jaxmotion.spacetime.terms`), of the frames that
+count. K active joints: the points' joints and all their ancestors (nothing else moves a point), and
+the root's position p, so d = 3 + 3K. L: a body length, which makes lengths comparable with radians.
 
 The points' Jacobian is written out: turning joint j by w (world axes) moves a point y below it by
 w x (y - x_j), with w = R_j J(delta_j) d delta_j, J the derivative of exp. O(T C d).
@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
+from jaxmotion.frames.count import frame_mask
 from jaxmotion.kinematics import WorldPose, forward_kinematics
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion.parts import parts_of, together
@@ -99,7 +100,8 @@ class Problem(eqx.Module):
         slopes = Slopes(self._point_slopes(turns, pose, world), self.start.rotations, turns)
         none = jnp.zeros((z.shape[0], 0, z.shape[1]), z.dtype)
         parts = [term.jacobian(pose, slopes) for term in self.terms]
-        return self._rows(pose), jnp.concatenate([none, *parts], axis=1) / self.stiffness
+        jacobian = jnp.concatenate([none, *parts], axis=1) / self.stiffness
+        return self._rows(pose), self.counted(jacobian)
 
     def _pose(self, motion: Motion) -> tuple[Pose, WorldPose]:
         world, rows = forward_kinematics(motion), np.asarray(self.joints, int)
@@ -108,7 +110,15 @@ class Problem(eqx.Module):
 
     def _rows(self, pose: Pose) -> Float[Array, "time row"]:
         none = jnp.zeros((pose.points.shape[0], 0), pose.points.dtype)
-        return jnp.concatenate([none, *(term.rows(pose) for term in self.terms)], axis=1)
+        rows = jnp.concatenate([none, *(term.rows(pose) for term in self.terms)], axis=1)
+        return self.counted(rows)
+
+    def counted(self, x: Float[Array, "time *rest"], beyond=0.0) -> Float[Array, "time *rest"]:
+        """x of the frames that count, of which alone something is asked."""
+        if self.prior.count is None:
+            return x
+        counts = frame_mask(self.prior.count, len(x))
+        return jnp.where(counts.reshape(-1, *[1] * (x.ndim - 1)), x, beyond)
 
     def _point_slopes(
         self, turns: Float[Array, "time joint 3"], pose: Pose, world: WorldPose

@@ -40,12 +40,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmotion._checks import one_of, poisoned, raise_faults
+from jaxmotion._checks import counted, one_of, poisoned, raise_faults
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ScalarLike
-from jaxmotion.contacts import ContactPoints, Contacts, limb_lengths
+from jaxmotion.contacts import ContactPoints, Contacts
+from jaxmotion.contacts.detect import mean_limb_lengths
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, moved_as, origin_of
+from jaxmotion.frames.count import frame_mask
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.spacetime.bounds import bounded, boxed
@@ -118,6 +120,7 @@ def satisfy(
     method: Literal["gauss_newton", "hierarchical", "bounds"] = "gauss_newton",
     tolerance: float = 1e-5,
     max_steps: int | None = None,
+    length: ScalarLike | None = None,
     throw: bool = False,
 ) -> tuple[Motion, Report]:
     """The motion, moved so that it keeps its contacts.
@@ -128,13 +131,15 @@ def satisfy(
     over which a contact's pull comes and goes, before and after it (the module says why none by
     default); ``method``: the module's three ways; ``tolerance``: radians, the iteration stops after
     a step shorter than that; ``max_steps``: 64 by default, and 2000 of L-BFGS-B for "bounds";
-    ``throw``: whether not coming to rest in them is an error (else look at ``converged`` of the
-    report).
+    ``length``: number of frames that count, the first ones, for padded clips (what comes out beyond
+    means nothing; not for "hierarchical", whose knots span the clip); ``throw``: whether not coming
+    to rest in them is an error (else look at ``converged`` of the report).
     **Returns:** the motion (joints that nothing is asked of bit for bit as they were) and a
     :class:`Report`. Differentiable in motion, targets, limits, floor and weights, in both modes,
     but for "bounds", whose differentiation is an error.
-    **Raises:** ``ValueError`` for shapes and options that do not fit; at run time for targets in
-    contact, or a motion, that are not finite, and as ``throw`` says.
+    **Raises:** ``ValueError`` for shapes and options that do not fit, or a length outside 1 to T;
+    at run time for a traced length, for targets in contact, or a motion, that are not finite, and
+    as ``throw`` says.
 
     Source: Gleicher 1998; Lee and Shin 1999 for "hierarchical"; Byrd et al. 1995 for "bounds".
     """
@@ -157,6 +162,11 @@ def satisfy(
             f"satisfy: joint_limits has {joint_limits.lower.shape[0]} joints, the motion "
             f"{motion.num_joints}"
         )
+    count = None
+    if length is not None:
+        if method == "hierarchical":
+            raise ValueError('satisfy: method="hierarchical" takes no length; cut the clip instead')
+        count, motion = counted("satisfy: length", length, motion.num_frames, motion)
     dtype = motion.dtype
     weights = Weights() if weights is None else weights
     weights = Weights(**{name: jnp.asarray(x, dtype) for name, x in vars(weights).items()})
@@ -167,6 +177,7 @@ def satisfy(
         None if floor is None else jnp.asarray(floor, dtype),
         weights,
         jnp.asarray(ramp, dtype),
+        count,
         method,
         float(tolerance),
         _STEPS[method] if max_steps is None else int(max_steps),
@@ -178,7 +189,9 @@ def satisfy(
 
 
 @compiled
-def _satisfy(given, contacts, limits, floor, weights, ramp, method, tolerance, max_steps):
+def _satisfy(given, contacts, limits, floor, weights, ramp, count, method, tolerance, max_steps):
+    if count is not None:
+        given, contacts = _held(given, count), _only(contacts, count)
     origin = origin_of(given)
     motion, floor = motion_near(given, origin), floor_near(given, origin, floor)
     target = contacts_near(contacts, origin).target
@@ -196,12 +209,25 @@ def _satisfy(given, contacts, limits, floor, weights, ramp, method, tolerance, m
             terms.append(FloorTerm(floor, jnp.sqrt(weights.floor)))
     if limits is not None:
         terms.append(LimitTerm(limits, jnp.sqrt(weights.limits)))
-    prior = Prior(weights.size, weights.bend / motion.frame_time**4)
+    prior = Prior(weights.size, weights.bend / motion.frame_time**4, count)
     how = method, tolerance, max_steps
     answer, solution = meet(motion, contacts.points, terms, prior, weights.root, *how)
-    report = _report(answer, contacts.points, terms, solution)
+    report = _report(answer, contacts.points, terms, count, solution)
     # Steps that are not finite are not taken: of a fault nothing is seen in the answer.
     return poisoned((moved_as(given, motion, answer), report), faults)
+
+
+def _held(motion: Motion, count: Int[Array, ""]) -> Motion:
+    """The motion that stands still from the last frame that counts on, whatever it held."""
+    frame = jnp.minimum(np.arange(motion.num_frames, dtype=count.dtype), count - 1)
+    translations, rotations = jnp.asarray(motion.translations), jnp.asarray(motion.rotations)
+    return motion.with_transforms(translations[frame], rotations[frame])
+
+
+def _only(contacts: Contacts, count: Int[Array, ""]) -> Contacts:
+    """The contacts of the frames that count."""
+    counts = frame_mask(count, contacts.num_frames)
+    return eqx.tree_at(lambda c: c.mask, contacts, contacts.mask & counts[:, None])
 
 
 class Solution(eqx.Module):
@@ -272,7 +298,9 @@ def problem_of(
     start = restrict(motion, active)
     length = jnp.ones((), motion.dtype)
     if points.num_points:
-        length = jnp.mean(limb_lengths(motion, points))
+        count = jnp.asarray(motion.num_frames, int) if prior.count is None else prior.count
+        counts = frame_mask(count, motion.num_frames)
+        length = jnp.mean(mean_limb_lengths(motion, points, counts))
     rooted = jnp.broadcast_to(jnp.sqrt(root), (6,))
     stiffness = jnp.concatenate([rooted, jnp.ones((3 * len(active) - 3,), motion.dtype)])
     return Problem(
@@ -321,13 +349,16 @@ def _pose_alone(motion, q, terms, prior) -> Problem:
     )
 
 
-def _report(answer, points, terms, solution: Solution) -> Report:
+def _report(answer, points, terms, count, solution: Solution) -> Report:
     y = points.positions(answer)
     none = jnp.zeros(y.shape[:2], y.dtype)
     nothing = jnp.zeros(answer.rotations.shape[:2], answer.dtype)
     fields = {"position_error": none, "penetration": none, "limit_excess": nothing}
     for term in terms:
         fields |= term.report(answer, y)
+    if count is not None:
+        counts = frame_mask(count, answer.num_frames)[:, None]
+        fields = {name: jnp.where(counts, x, 0) for name, x in fields.items()}
     return Report(
         **fields,
         cost_before=solution.before,
