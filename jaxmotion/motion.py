@@ -7,6 +7,7 @@ repeats its offset. The root's transform is in the world.
 
 import dataclasses
 import math
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -21,6 +22,12 @@ from jaxmotion._types import AnyArray, Scalar
 from jaxmotion.skeleton import Skeleton
 
 __all__ = ["Motion"]
+
+
+class _Kept(NamedTuple):
+    """A frame time that a motion has already: that of a derivative may be negative."""
+
+    seconds: Any
 
 
 class Motion(Portable):
@@ -82,7 +89,9 @@ class Motion(Portable):
             raise ValueError(
                 f"Motion: translated_joints must lie in 0..{joints - 1}, got {translated_joints}"
             )
-        if not traced(frame_time):
+        if isinstance(frame_time, _Kept):
+            frame_time = frame_time.seconds
+        elif not traced(frame_time):
             seconds = known(frame_time).ravel().tolist()
             wrong = not all(0 < s < math.inf for s in seconds)
             require(None, wrong, "Motion: frame_time must be a time above 0", got=frame_time)
@@ -183,6 +192,8 @@ class Motion(Portable):
             raise ValueError(f"Motion.replace: {', '.join(unknown)}; expected of {list(fields)}")
         if "frame_time" in changes:
             fields["frame_time_text"] = None
+        else:
+            fields["frame_time"] = _Kept(self.frame_time)
         return Motion(**(fields | changes))
 
     def with_transforms(self, translations=None, rotations=None) -> "Motion":

@@ -150,7 +150,7 @@ def test_one_compilation_serves_a_bucket_of_lengths():
         source, reference = waving(TIMES[:n]), waving(WARPED[:m])
         found = align(source, reference)
         assert tuple(found.path[int(found.length) - 1]) == (n - 1, m - 1)
-        counts.append(_source_times._cache_size())
+        counts.append(_source_times._cached._cache_size())
     assert len(set(counts)) == 1
 
 
