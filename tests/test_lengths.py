@@ -181,7 +181,11 @@ def skating():
     return slid, jm.contacts.detect(walk)
 
 
-@pytest.mark.parametrize("case", CASES)
+# L-BFGS-B takes three minutes to compile, twice.
+LONG = {"spacetime.satisfy[bounds]": pytest.mark.sweep}
+
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=LONG.get(c, ())) for c in CASES])
 def test_what_lies_beyond_the_length_changes_nothing(skating, case):
     motion, contacts = skating
     want = CASES[case](motion, contacts, None)

@@ -185,6 +185,7 @@ def limb_lengths(
 def mean_limb_lengths(
     motion: Motion, points: ContactPoints, counts: Bool[Array, " time"]
 ) -> Float[Array, " point"]:
+    """:func:`limb_lengths` over the frames that count, for callers who know them."""
     lengths = safe_norm(motion.translations)
     total = jnp.sum(jnp.where(counts[:, None], lengths, 0), axis=0)
     moving = np.isin(np.arange(motion.num_joints), motion.translated_joints)

@@ -48,7 +48,7 @@ def level_counts(
 
 def level_spacings(
     finest: Float[Array, " step"] | None, counts: tuple[Int[Array, ""], ...]
-) -> tuple[Float[Array, " step"], ...] | None:
+) -> tuple[Float[Array, " _"], ...] | None:
     """The spacing of each level, base first, from that of the finest."""
     if finest is None:
         return None
