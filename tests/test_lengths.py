@@ -181,8 +181,8 @@ def skating():
     return slid, jm.contacts.detect(walk)
 
 
-# L-BFGS-B takes three minutes to compile, twice.
-LONG = {"spacetime.satisfy[bounds]": pytest.mark.sweep}
+# With limits and all a minute to compile, twice; the suite has keep_contacts.
+LONG = dict.fromkeys(("spacetime.satisfy", "spacetime.satisfy[bounds]"), pytest.mark.sweep)
 
 
 @pytest.mark.parametrize("case", [pytest.param(c, marks=LONG.get(c, ())) for c in CASES])
