@@ -1,8 +1,9 @@
 """Run-time checks: what a wrong value does, everywhere in the package.
 
 A value that is known, of Python, NumPy or JAX, is a ``ValueError``: :func:`one_of` for choices,
-:func:`counted` for how many frames count, :func:`require` for all others. One that is traced
-(:func:`traced`) is only known when the program runs, and then the setting decides (:func:`checks`):
+:func:`counted` for how many frames count, :func:`one_number` for what is no array, :func:`require`
+for all others. One that is traced (:func:`traced`) is only known when the program runs, and then
+the setting decides (:func:`checks`):
 
     "raise"   the program stops with the message (``equinox.EquinoxRuntimeError``; under a
               ``jax.jit`` of your own, JAX's ``JaxRuntimeError``), which under ``vmap`` names the
@@ -95,6 +96,15 @@ def one_of(name: str, value: Any, choices: Iterable[Any]) -> None:
         *others, last = map(repr, choices)
         listed = f"{', '.join(others)} or {last}" if others else last
         raise ValueError(f"{name}={value!r}; expected {listed}")
+
+
+def one_number(name: str, value: Any) -> Any:
+    """:func:`known` of a value that is to be a single number, ``ValueError`` if it is an array;
+    ``name`` as in "decompose: gamma"."""
+    number = known(value)
+    if number.shape != ():
+        raise ValueError(f"{name} has shape {number.shape}; expected one number")
+    return number
 
 
 def counted(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jaxmotion import Motion, checks, decompose, denoise, quaternion, resample, samples, stylize
-from jaxmotion._checks import counted, one_of, poisoned, raise_faults, require
+from jaxmotion._checks import counted, one_number, one_of, poisoned, raise_faults, require
 from jaxmotion.contacts import ContactPoints, Contacts, cleanup_root, detect
 from jaxmotion.layers import time_warp
 from jaxmotion.multiresolution import build_pyramid, filter_motion
@@ -584,3 +584,20 @@ def test_what_cannot_be_used_is_refused():
     for call, message in calls:
         with pytest.raises(ValueError, match=message):
             call()
+
+
+def test_single_numbers():
+    """Of any kind, traced too; an array of one is an array."""
+    for value in (2, 2.0, np.float32(2), jnp.asarray(2.0)):
+        assert one_number("f: x", value) == 2
+    assert jax.jit(lambda x: one_number("f: x", x) + 1)(2.0) == 3
+    for array in ([2.0], np.ones((1,)), jnp.ones((2, 3))):
+        with pytest.raises(ValueError, match=r"^f: x has shape \(.*\); expected one number$"):
+            one_number("f: x", array)
+    calls = {
+        "decompose: gamma": lambda two: decompose(clip(), gamma=two),
+        "stylize: gamma": lambda two: stylize(clip(), 1.0, gamma=two),
+    }
+    for name, call in calls.items():
+        with no_shape_checks(), pytest.raises(ValueError, match=f"^{name} has shape"):
+            call(np.ones(2))

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import counted, known, one_of, require, traced
+from jaxmotion._checks import counted, one_number, one_of, require, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import height_speed, rigid
@@ -76,9 +76,7 @@ def detect(
         raise ValueError(f"detect: floor={floor!r}; expected 'auto', a number or None")
     if joints is not None:
         points = ContactPoints(motion.skeleton, joints)
-    scale = known(tolerance)
-    if scale.shape != ():
-        raise ValueError(f"detect: tolerance has shape {scale.shape}; expected one number")
+    scale = one_number("detect: tolerance", tolerance)
     motion = require(motion, ~(scale > 0), "detect: tolerance must be above 0", got=tolerance)
     count, motion = counted("detect: length", length, motion.num_frames, motion)
     if points is None:

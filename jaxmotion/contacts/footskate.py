@@ -26,7 +26,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmotion._checks import counted, known, require, traced
+from jaxmotion._checks import counted, one_number, require, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
@@ -84,9 +84,7 @@ def cleanup_footskate(
         raise ValueError(
             f"cleanup_footskate: stretch={stretch}; expected a share of 0 or more, not traced"
         )
-    seconds = known(fade)
-    if seconds.shape != ():
-        raise ValueError(f"cleanup_footskate: fade has shape {seconds.shape}; expected one number")
+    seconds = one_number("cleanup_footskate: fade", fade)
     message = "cleanup_footskate: fade must be 0 seconds or more"
     motion = require(motion, ~(seconds >= 0), message, got=fade)
     feet = _feet_of(motion.skeleton, contacts)

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
-from jaxmotion._checks import counted, known, one_of, require, traced
+from jaxmotion._checks import counted, known, one_number, one_of, require, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, ScalarLike
@@ -119,52 +119,32 @@ def decompose(
         >>> bool(jm.quaternion.distance(whole.rotations, motion.rotations).max() < 1e-3)
         True
     """
-    return layers_of(
-        "decompose",
-        motion,
-        gamma=gamma,
-        lam_c=lam_c,
-        sigma_c=sigma_c,
-        scope=scope,
-        order=order,
-        tune=tune,
-        method=method,
-        weights=weights,
-        length=length,
-    )
-
-
-def layers_of(
-    caller: str,
-    motion: Motion,
-    *,
-    gamma: ScalarLike = np.pi / 2,
-    lam_c: ScalarLike = 1.0,
-    sigma_c: ScalarLike = 1.0,
-    scope: Literal["global", "per_joint"] = "global",
-    order: Literal[1, 2] = 2,
-    tune: Criterion | None = None,
-    method: Literal["chordal", "geodesic"] = "chordal",
-    weights: ArrayLike | None = None,
-    length: ScalarLike | None = None,
-) -> MotionLayers:
-    """:func:`decompose` for ``caller``, whose name is in its errors."""
-    one_of(f"{caller}: scope", scope, ("global", "per_joint"))
-    check_method(method, caller)
-    motion, weights = checked_weights(motion, weights, length, caller)
-    angle = known(gamma)
-    if angle.shape != ():
-        raise ValueError(f"{caller}: gamma has shape {angle.shape}; expected one number")
-    outside = ~((angle > 0) & (angle < np.pi))
-    message = f"{caller}: gamma must be an angle between 0 and π"
-    motion = require(motion, outside, message, got=gamma)
+    one_of("decompose: scope", scope, ("global", "per_joint"))
+    check_method(method, "decompose")
+    motion, weights, gamma = checked_layers("decompose", motion, gamma, weights, length)
     ones = not traced(lam_c, sigma_c) and np.all(known(lam_c) == 1) and np.all(known(sigma_c) == 1)
     if tune is not None and not ones:
         raise ValueError("decompose: tune= learns λ and σ; it takes no lam_c= and no sigma_c=")
     check_positive("decompose: lam_c", lam_c)
     check_positive("decompose: sigma_c", sigma_c)
-    gamma, lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (gamma, lam_c, sigma_c))
-    return _decompose(motion, weights, gamma, lam_c, sigma_c, scope, order, tune, method)
+    lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (lam_c, sigma_c))
+    return layers_of(motion, weights, gamma, lam_c, sigma_c, scope, order, tune, method)
+
+
+def checked_layers(
+    caller: str,
+    motion: Motion,
+    gamma: ScalarLike,
+    weights: ArrayLike | None,
+    length: ScalarLike | None,
+) -> tuple[Motion, Array | None, Array]:
+    """What :func:`checked_weights` returns and γ, for ``caller``, whose name is in the errors."""
+    motion, weights = checked_weights(motion, weights, length, caller)
+    angle = one_number(f"{caller}: gamma", gamma)
+    outside = ~((angle > 0) & (angle < np.pi))
+    message = f"{caller}: gamma must be an angle between 0 and π"
+    motion = require(motion, outside, message, got=gamma)
+    return motion, weights, jnp.asarray(gamma, motion.dtype)
 
 
 def check_method(method: str, caller: str) -> None:
@@ -201,17 +181,18 @@ def checked_weights(
 
 
 @compiled
-def _decompose(
+def layers_of(
     motion: Motion,
     weights: Array | None,
     gamma: Array,
     lam_c: Array,
     sigma_c: Array,
-    scope: Literal["global", "per_joint"],
-    order: Literal[1, 2],
-    criterion: Criterion | None,
-    method: Literal["chordal", "geodesic"],
+    scope: Literal["global", "per_joint"] = "global",
+    order: Literal[1, 2] = 2,
+    criterion: Criterion | None = None,
+    method: Literal["chordal", "geodesic"] = "chordal",
 ) -> MotionLayers:
+    """:func:`decompose` of what is checked."""
     motion = motion.with_transforms(rotations=quaternion.align_signs(motion.rotations))
     tuning, clean = None, motion
     if criterion is not None:

@@ -21,6 +21,7 @@ from jaxmotion.displacement import Displacement, minus, plus
 from jaxmotion.layers.decompose import (
     MotionLayers,
     check_method,
+    checked_layers,
     checked_weights,
     layers_of,
     without_noise,
@@ -136,10 +137,9 @@ def denoise(
     kept = 1.0 - _gain("denoise: strength", strength, motion)
     if tune and lam is None and sigma is None:
         return _without_noise(motion, weights, kept, method)
-    lam_c, sigma_c = (1.0 if given is None else given for given in (lam, sigma))
-    layers = layers_of(
-        "denoise", motion, lam_c=lam_c, sigma_c=sigma_c, method=method, weights=weights
-    )
+    given = (np.pi / 2, *(1.0 if value is None else value for value in (lam, sigma)))
+    gamma, lam_c, sigma_c = (jnp.asarray(value, motion.dtype) for value in given)
+    layers = layers_of(motion, weights, gamma, lam_c, sigma_c, method=method)
     return _edited("denoise", layers, 1.0, kept, 1.0)
 
 
@@ -181,7 +181,9 @@ def stylize(
         (16, 22, 4)
     """
     check_kept(motion, keep_contacts, "stylize", length)
-    layers = layers_of("stylize", motion, gamma=gamma, length=length)
+    motion, weights, gamma = checked_layers("stylize", motion, gamma, None, length)
+    one = jnp.ones((), motion.dtype)
+    layers = layers_of(motion, weights, gamma, one, one)
     edit = _edited("stylize", layers, alpha, residual, alpha)
     return spacetime.keep_contacts(edit, motion, keep_contacts, length=length)
 

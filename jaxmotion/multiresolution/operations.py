@@ -10,10 +10,10 @@ differentiable in the clips, the level and the gains.
 """
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 from jaxmotion import spacetime
+from jaxmotion._checks import one_number
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
@@ -38,8 +38,7 @@ def level_of_detail(
     **Raises:** ``ValueError`` for a level that is not one number, and for ``keep_contacts`` as
     :func:`scale_details`.
     """
-    if np.shape(level) != ():
-        raise ValueError(f"level_of_detail: level has shape {np.shape(level)}; expected one number")
+    one_number("level_of_detail: level", level)
     finest = jnp.arange(pyramid.levels, dtype=pyramid.base.dtype)
     gains = jnp.clip(jnp.asarray(level, pyramid.base.dtype) - finest, 0, 1)
     return _scaled(pyramid, gains[:, None], keep_contacts, "level_of_detail")

@@ -87,12 +87,11 @@ def motion_of(poses: Poses, like: Motion, rate: float, text: str | None = None) 
     p, rotations = poses
     frames = rotations.num_frames
     rest = jnp.asarray(like.translations)[:1]
-    return Motion(
-        like.skeleton,
-        spread(p, like.translated_joints, jnp.broadcast_to(rest, (frames, *rest.shape[1:]))),
-        together(quaternions_of(aligned(rotations))),
-        jnp.asarray(rate, like.dtype) * like.frame_time,
-        translated_joints=like.translated_joints,
+    rest = jnp.broadcast_to(rest, (frames, *rest.shape[1:]))
+    return like.replace(
+        translations=spread(p, like.translated_joints, rest),
+        rotations=together(quaternions_of(aligned(rotations))),
+        frame_time=jnp.asarray(rate, like.dtype) * like.frame_time,
         frame_time_text=text,
     )
 

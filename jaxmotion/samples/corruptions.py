@@ -18,9 +18,9 @@ import numpy as np
 from jaxtyping import Array, Bool, PRNGKeyArray, UInt32
 
 from jaxmotion import quaternion
-from jaxmotion._checks import known, require
+from jaxmotion._checks import one_number, require
 from jaxmotion._file_facts import compiled
-from jaxmotion._types import AnyArray, ScalarLike
+from jaxmotion._types import ScalarLike
 from jaxmotion.motion import Motion
 
 Key = PRNGKeyArray | UInt32[Array, "2"]
@@ -163,19 +163,12 @@ def replace_where(motion, mask, rotations) -> Corrupted:
 def not_negative(who: str, motion: Motion, **amounts: ScalarLike) -> Motion:
     """The motion, unless an amount is no number of 0 or more."""
     for name, value in amounts.items():
-        wrong = ~(_one_number(who, name, value) >= 0)
+        wrong = ~(one_number(f"{who}: {name}", value) >= 0)
         motion = require(motion, wrong, f"{who}: {name} must be 0 or more", got=value)
     return motion
 
 
 def _with_share(who: str, motion: Motion, rate: ScalarLike) -> Motion:
-    share = _one_number(who, "rate", rate)
+    share = one_number(f"{who}: rate", rate)
     wrong = ~((share >= 0) & (share <= 1))
     return require(motion, wrong, f"{who}: rate must be a share from 0 to 1", got=rate)
-
-
-def _one_number(who: str, name: str, value: ScalarLike) -> AnyArray:
-    number = known(value)
-    if number.shape != ():
-        raise ValueError(f"{who}: {name} has shape {number.shape}; expected one number")
-    return number

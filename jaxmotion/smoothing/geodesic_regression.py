@@ -289,7 +289,7 @@ def geodesic(
 def _present(weights: ArrayLike | None, shape: tuple[int, ...]) -> Bool[AnyArray, "data *joints"]:
     """Where there is a datum: NumPy's, unless the weights are traced."""
     w = known(np.ones(shape[:1]) if weights is None else weights)
-    return (w.reshape(w.shape + (1,) * (len(shape) - w.ndim)) > 0) & known(np.ones(shape, bool))
+    return (w.reshape(w.shape + (1,) * (len(shape) - w.ndim)) > 0) & np.ones(shape, bool)
 
 
 @eqx.filter_jit

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from jaxmotion import Motion, Skeleton
 from jaxmotion.contacts import ContactPoints, Contacts
 from jaxmotion.spacetime import JointLimits, Weights
-from tests.helpers import angle_between, world_by_matrices
+from tests.helpers import angle_between, quaternions_by, world_by_matrices
 
 FRAMES, JOINTS = 6, 5
 ACTIVE = (0, 1, 2, 3)  # joint 4 is above no contact point
@@ -32,7 +32,7 @@ def case(dtype=np.float64, frames=FRAMES):
     )
     t = np.arange(frames)[:, None, None] / 30
     v = 0.3 * np.sin(6 * t + rng.uniform(0, 6, (1, JOINTS, 3)))
-    q = Rotation.from_rotvec(v.reshape(-1, 3)).as_quat(scalar_first=True).reshape(-1, JOINTS, 4)
+    q = quaternions_by(v)
     root = np.concatenate([1.0 * t[:, 0], 0 * t[:, 0], 0 * t[:, 0]], -1)
     motion = Motion.from_root(
         skeleton, jnp.asarray(root, dtype), jnp.asarray(q, dtype), np.asarray(1 / 30, dtype)
