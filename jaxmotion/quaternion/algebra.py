@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxmotion._numerics import safe_norm
+from jaxmotion._program import one_program
 from jaxmotion._types import AnyArray, Quaternion, Vector3
 from jaxmotion.quaternion.parts import product, rotated, running_signs, together
 
@@ -48,6 +49,7 @@ def leading_axis(axis: int, shape: tuple[int, ...], caller: str) -> int:
     return axis % len(shape)
 
 
+@one_program()
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     """Hamilton product a ⊗ b: the rotation b followed by a (in fixed axes).
 
@@ -58,6 +60,7 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     return together(product(components(a, 4, "a"), components(b, 4, "b")))
 
 
+@one_program()
 def conjugate(q: Quaternion) -> Quaternion:
     """(w, −x, −y, −z): the inverse rotation of a unit quaternion.
 
@@ -69,6 +72,7 @@ def conjugate(q: Quaternion) -> Quaternion:
     return together((w, -x, -y, -z))
 
 
+@one_program()
 def inverse(q: Quaternion) -> Quaternion:
     """q̄/‖q‖², the multiplicative inverse of any non-zero quaternion.
 
@@ -80,6 +84,7 @@ def inverse(q: Quaternion) -> Quaternion:
     return conjugate(q) / jnp.sum(q * q, axis=-1, keepdims=True)
 
 
+@one_program()
 def normalize(q: Quaternion) -> Quaternion:
     """q/‖q‖.
 
@@ -107,6 +112,7 @@ def identity(shape: tuple[int, ...] = (), dtype=None) -> Quaternion:
     return jnp.broadcast_to(jnp.array([1.0, 0.0, 0.0, 0.0], dtype=dtype), (*shape, 4))
 
 
+@one_program()
 def rotate(q: Quaternion, v: Vector3) -> Vector3:
     """Rotate vectors: q v q⁻¹ for unit q, by v + 2w(u×v) + 2u×(u×v) with q = (w, u).
 
@@ -117,6 +123,7 @@ def rotate(q: Quaternion, v: Vector3) -> Vector3:
     return together(rotated(components(q, 4, "q"), components(v, 3, "v")))
 
 
+@one_program()
 def between(a: Quaternion, b: Quaternion) -> Quaternion:
     """a⁻¹ ⊗ b, the rotation that takes a to b in a's own frame: multiply(a, between(a, b)) = b.
 
@@ -127,6 +134,7 @@ def between(a: Quaternion, b: Quaternion) -> Quaternion:
     return multiply(conjugate(a), b)
 
 
+@one_program()
 def half_angle_between(
     a: Quaternion, b: Quaternion
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
@@ -143,6 +151,7 @@ def half_angle_between(
     return x * x + y * y + z * z, cosine
 
 
+@one_program("axis")
 def align_signs(q: Quaternion, axis: int = 0) -> Quaternion:
     """Choose between q and −q so that neighbours along ``axis`` lie in one hemisphere.
 

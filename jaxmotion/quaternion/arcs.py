@@ -13,10 +13,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion._numerics import safe_norm
+from jaxmotion._program import one_program
 from jaxmotion._types import Quaternion, Vector3
 from jaxmotion.quaternion.algebra import normalize
 
 
+@one_program()
 def shortest_arc(source: Vector3, goal: Vector3) -> Quaternion:
     """The shortest rotation f[..., 4] from one direction f[..., 3], of any length, to another; none
     if either has no length; half a turn about some perpendicular axis if they are opposite."""
@@ -31,6 +33,7 @@ def shortest_arc(source: Vector3, goal: Vector3) -> Quaternion:
     return normalize(jnp.concatenate([real[..., None], vector], axis=-1))
 
 
+@one_program()
 def twist(q: Quaternion, axis: Vector3) -> Quaternion:
     """The turn f[..., 4] about the unit ``axis`` f[..., 3] in q; none where q swings it round by
     half a turn, so that every twist would do."""
@@ -39,6 +42,7 @@ def twist(q: Quaternion, axis: Vector3) -> Quaternion:
     return normalize(jnp.concatenate([q[..., :1], along], axis=-1))
 
 
+@one_program()
 def unit(v: Vector3) -> Vector3:
     """v/‖v‖, 0 for 0."""
     v = jnp.asarray(v)
@@ -46,6 +50,7 @@ def unit(v: Vector3) -> Vector3:
     return v / jnp.where(length > 0, length, 1)
 
 
+@one_program()
 def unit_across(v: Vector3, line: Vector3, noise: Float[Array, "..."] | float | int) -> Vector3:
     """Unit vector along v's part perpendicular to the line; some perpendicular if that part is no
     longer than the noise."""

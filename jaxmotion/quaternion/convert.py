@@ -21,11 +21,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxmotion._numerics import safe_arctan2, safe_norm, safe_sqrt
+from jaxmotion._program import one_program
 from jaxmotion._types import Angles, Matrix3, Quaternion, Rotation6d
 from jaxmotion.quaternion.algebra import components, ending_in, multiply
 from jaxmotion.quaternion.parts import together
 
 
+@one_program()
 def to_matrix(q: Quaternion) -> Matrix3:
     """Rotation matrix of a unit quaternion.
 
@@ -42,6 +44,7 @@ def to_matrix(q: Quaternion) -> Matrix3:
     return jnp.stack(rows, axis=-2)
 
 
+@one_program()
 def from_matrix(m: Matrix3) -> Quaternion:
     """Unit quaternion, w ≥ 0 where it leads, of a rotation matrix.
 
@@ -68,6 +71,7 @@ def from_matrix(m: Matrix3) -> Quaternion:
     return jnp.moveaxis(chosen / safe_norm(chosen, axis=0), 0, -1)
 
 
+@one_program()
 def to_rotation_6d(q: Quaternion) -> Rotation6d:
     """First two columns of the rotation matrix, one after the other.
 
@@ -81,6 +85,7 @@ def to_rotation_6d(q: Quaternion) -> Rotation6d:
     return jnp.concatenate([m[..., :, 0], m[..., :, 1]], axis=-1)
 
 
+@one_program()
 def from_rotation_6d(columns: Rotation6d) -> Quaternion:
     """Unit quaternion from two (not necessarily orthonormal) columns.
 
@@ -98,6 +103,7 @@ def from_rotation_6d(columns: Rotation6d) -> Quaternion:
     return from_matrix(jnp.stack([x, y, jnp.cross(x, y)], axis=-1))
 
 
+@one_program("order")
 def from_euler(angles: Angles, order: str = "ZXY") -> Quaternion:
     """Unit quaternion of three Euler angles.
 
@@ -113,6 +119,7 @@ def from_euler(angles: Angles, order: str = "ZXY") -> Quaternion:
     return multiply(multiply(a, b), c)
 
 
+@one_program("order", "unwrap")
 def to_euler(q: Quaternion, order: str = "ZXY", *, unwrap: bool = False) -> Angles:
     """Euler angles of a unit quaternion.
 

@@ -21,11 +21,13 @@ from jaxmotion._numerics import (
     safe_sqrt,
     sin_half_over,
 )
+from jaxmotion._program import one_program
 from jaxmotion._types import ArrayLike, Quaternion, Vector3
 from jaxmotion.quaternion.algebra import components, half_angle_between
 from jaxmotion.quaternion.parts import together
 
 
+@one_program()
 def exp(v: Vector3) -> Quaternion:
     """Unit quaternion that turns by ‖v‖ radians about v.
 
@@ -41,6 +43,7 @@ def exp(v: Vector3) -> Quaternion:
     return together((cos_half(squared), s * x, s * y, s * z))
 
 
+@one_program()
 def log(q: Quaternion) -> Vector3:
     """Rotation vector of q, full angle, ‖log(q)‖ ≤ π; q and −q agree.
 
@@ -56,6 +59,7 @@ def log(q: Quaternion) -> Vector3:
     return together((factor * x, factor * y, factor * z))
 
 
+@one_program()
 def exp_half(v: Vector3) -> Quaternion:
     """Unit quaternion that turns by 2‖v‖ radians about v.
 
@@ -68,6 +72,7 @@ def exp_half(v: Vector3) -> Quaternion:
     return exp(2 * jnp.asarray(v))
 
 
+@one_program()
 def log_half(q: Quaternion) -> Vector3:
     """Half the rotation vector of q: its norm is arc length on S³.
 
@@ -78,6 +83,7 @@ def log_half(q: Quaternion) -> Vector3:
     return 0.5 * log(q)
 
 
+@one_program()
 def power(q: Quaternion, t: ArrayLike) -> Quaternion:
     """q to the power t: the same axis, t times the (shortest) angle.
 
@@ -89,6 +95,7 @@ def power(q: Quaternion, t: ArrayLike) -> Quaternion:
     return exp(jnp.asarray(t, v.dtype)[..., None] * v)
 
 
+@one_program()
 def distance(a: Quaternion, b: Quaternion) -> Float[Array, "..."]:
     """Angle of the rotation between a and b, in [0, π].
 

@@ -10,10 +10,12 @@ are smooth in θ² (series near 0), so a = b is no special case. O(n).
 import jax.numpy as jnp
 
 from jaxmotion._numerics import angle_over_sine, sin_half_over
+from jaxmotion._program import one_program
 from jaxmotion._types import ArrayLike, Quaternion
 from jaxmotion.quaternion.algebra import half_angle_between
 
 
+@one_program()
 def slerp(a: Quaternion, b: Quaternion, t: ArrayLike) -> Quaternion:
     """Rotation a fraction ``t`` of the way from a to b along the shortest arc.
 

@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion._checks import one_of
 from jaxmotion._numerics import rounding_angle, safe_norm, safe_sqrt, series_switch
+from jaxmotion._program import one_program
 from jaxmotion._types import ArrayLike, Quaternion
 from jaxmotion.quaternion.algebra import between, ending_in, leading_axis, multiply, normalize
 from jaxmotion.quaternion.explog import exp, log
@@ -30,6 +31,7 @@ from jaxmotion.quaternion.interpolate import slerp
 _NEWTON_STEPS = 30
 
 
+@one_program("axis", "method")
 def mean(
     q: Quaternion,
     weights: ArrayLike | None = None,
@@ -57,6 +59,7 @@ def mean(
     return jnp.where(jnp.sum(result * samples[0], -1, keepdims=True) < 0, -result, result)
 
 
+@one_program("axis", "method")
 def std(
     q: Quaternion,
     mean: Quaternion | None = None,
