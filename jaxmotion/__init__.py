@@ -50,7 +50,9 @@ _HOMES = {
     "forward_kinematics": "kinematics",
     "velocities": "kinematics",
     "MotionLayers": "layers",
+    "buckets": "frames.padding",
     "checks": "_checks",
+    "enable_compilation_cache": "_compilation_cache",
     "decompose": "layers",
     "denoise": "layers",
     "joint_weights": "layers",
@@ -78,7 +80,9 @@ if TYPE_CHECKING:
         timing,
     )
     from jaxmotion._checks import checks
+    from jaxmotion._compilation_cache import enable_compilation_cache
     from jaxmotion.axes import UpGuess, guess_up, reorient
+    from jaxmotion.frames.padding import buckets
     from jaxmotion.io import load, save
     from jaxmotion.kinematics import facing_direction, forward_kinematics, velocities
     from jaxmotion.layers import (
@@ -99,11 +103,13 @@ __all__ = [
     "MotionLayers",
     "Skeleton",
     "UpGuess",
+    "buckets",
     "checks",
     "contacts",
     "decompose",
     "denoise",
     "displacement",
+    "enable_compilation_cache",
     "facing_direction",
     "forward_kinematics",
     "guess_up",

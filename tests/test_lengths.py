@@ -188,7 +188,8 @@ LONG = dict.fromkeys(("spacetime.satisfy", "spacetime.satisfy[bounds]"), pytest.
 @pytest.mark.parametrize("case", [pytest.param(c, marks=LONG.get(c, ())) for c in CASES])
 def test_what_lies_beyond_the_length_changes_nothing(skating, case):
     motion, contacts = skating
-    want = CASES[case](motion, contacts, None)
+    with jm.buckets(False):
+        want = CASES[case](motion, contacts, None)
     for padding in (_zeros, _turns, _far):
         got = CASES[case](_padded(motion, padding), _padded_contacts(contacts), FRAMES)
         for part, (a, b) in enumerate(zip(got, want, strict=True)):

@@ -14,7 +14,7 @@ only click at the top; JAX and the library load inside functions, so help never 
 | ``_workers`` | files side by side, in processes |
 | ``_work`` | one file through an edit |
 | ``_joining`` | several clips into one file |
-| ``_session``, ``_cache`` | float64, the notice while compiling; the compile cache |
+| ``_session`` | float64, the notice while compiling, the compile cache |
 | ``_terminal`` | everything that is printed |
 | ``_leaving`` | signals, and what must not be left undone |
 | ``_progress``, ``_report`` | what is told on the way, and at the end |

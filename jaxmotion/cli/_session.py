@@ -15,8 +15,8 @@ from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 
+from jaxmotion._compilation_cache import keep_programs, usable_folder
 from jaxmotion.cli import _leaving
-from jaxmotion.cli._cache import usable_folder
 from jaxmotion.cli._terminal import say
 
 _PATIENCE = 1.0  # seconds of compiling before it is mentioned
@@ -63,9 +63,7 @@ def start(*, cache: bool = True, little: bool = False, notice: bool = True, shar
     _leaving.always(abandon)
     folder = usable_folder() if cache else None
     if folder is not None:
-        jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+        keep_programs(folder)
     if notice:
         _CompilingNotice(kept=folder is not None)
 

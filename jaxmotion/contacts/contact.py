@@ -184,6 +184,11 @@ class Contacts(Portable):
         return self.points.num_points
 
 
+def over_time(contacts: Contacts) -> tuple:
+    """Its arrays f[T, ...], in a fixed order."""
+    return contacts.mask, contacts.kind, contacts.target, contacts.confidence
+
+
 def check_frames(motion: Motion, contacts: Contacts, caller: str) -> None:
     """``ValueError`` unless the contacts have the motion's number of frames."""
     if contacts.num_frames != motion.num_frames:

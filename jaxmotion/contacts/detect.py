@@ -25,9 +25,18 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxmotion import quaternion
 from jaxmotion._checks import counted, one_number, one_of, require, traced
 from jaxmotion._numerics import safe_norm
+from jaxmotion._room import room_for
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import height_speed, rigid
-from jaxmotion.contacts.contact import FREE, PLANE, POINT, ContactPoints, Contacts, check_frames
+from jaxmotion.contacts.contact import (
+    FREE,
+    PLANE,
+    POINT,
+    ContactPoints,
+    Contacts,
+    check_frames,
+    over_time,
+)
 from jaxmotion.contacts.feet import find_feet
 from jaxmotion.contacts.nearby import floor_near, motion_near, origin_of
 from jaxmotion.frames.count import frame_mask
@@ -81,10 +90,15 @@ def detect(
     count, motion = counted("detect: length", length, motion.num_frames, motion)
     if points is None:
         points = find_feet(motion, length=length)
-    frames = min(_window(motion, window), motion.num_frames)
     kind = motion.dtype
     level = floor if floor is None or isinstance(floor, str) else jnp.asarray(floor, kind)
-    return _detect(motion, points, method, level, frames, jnp.asarray(tolerance, kind), count)
+    scale = jnp.asarray(tolerance, kind)
+    frames = _window(motion, window)
+    if frames > motion.num_frames:
+        return _detect(motion, points, method, level, motion.num_frames, scale, count)
+    room = room_for(motion, points, level, tolerance, length=length)
+    found = _detect(room.fill(motion), points, method, level, frames, scale, count)
+    return eqx.tree_at(over_time, found, tuple(map(room.cut, over_time(found))))
 
 
 def _window(motion: Motion, window: int | None) -> int:

@@ -47,6 +47,7 @@ def fit_distances(motion: Motion, contacts: Contacts) -> Contacts:
     return eqx.tree_at(lambda c: c.target, contacts, target)
 
 
+@jax.jit  # or every eager call would compile the scan anew
 def move_later(
     on: Bool[Array, "time limb 2"],
     goal: Float[Array, "time limb 2 3"],

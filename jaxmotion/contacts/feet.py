@@ -20,6 +20,7 @@ import numpy as np
 
 from jaxmotion import quaternion
 from jaxmotion._checks import counted, traced
+from jaxmotion._room import room_for
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import ContactPoints, Limb, limb_above
 from jaxmotion.contacts.nearby import motion_near, origin_of
@@ -54,10 +55,11 @@ def find_feet(motion: Motion, *, length: ScalarLike | None = None) -> ContactPoi
         )
     count = int(counted("find_feet: length", length, motion.num_frames)[0])
     skeleton = motion.skeleton
+    motion = room_for(motion, length=length).fill(motion)
     pose = forward_kinematics(motion_near(motion, origin_of(motion)))
+    turns = quaternion.to_matrix(pose.rotations)
     world, turns, tips = (
-        np.asarray(a, np.float64)[:count]
-        for a in (pose.positions, pose.rotations, pose.end_positions)
+        np.asarray(a, np.float64)[:count] for a in (pose.positions, turns, pose.end_positions)
     )
     up = np.eye(3)[skeleton.up_axis]
     feet = _by_name(skeleton)
@@ -117,11 +119,11 @@ def _points(skeleton, ankle, world, turns, tips, up):
         ball_world = tips[:, ends].mean(axis=1)
     else:
         return [(name, ankle, np.zeros(3))]
-    inverse = quaternion.conjugate(turns[:, ankle])
-    to_ball = np.asarray(quaternion.rotate(inverse, ball_world - world[:, ankle]))
+    inverse = np.swapaxes(turns[:, ankle], -1, -2)
+    to_ball = np.einsum("tij,tj->ti", inverse, ball_world - world[:, ankle])
     low = (ball_world + world[:, ankle]) @ up
     flat = low <= np.quantile(low, _FLAT)
-    normal = np.asarray(quaternion.rotate(inverse, up))[flat].mean(axis=0)
+    normal = (inverse @ up)[flat].mean(axis=0)
     normal /= np.linalg.norm(normal) or 1.0
     ball = to_ball[flat].mean(axis=0)
     level = (ball @ normal) * normal

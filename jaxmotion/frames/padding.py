@@ -1,18 +1,27 @@
 """Pad clips to a few sizes, so that one compiled function serves clips of many lengths.
 
-    sizes 16, 24, 32, 48, 64, 96, 128, …        (powers of two and the halves between)
+    buckets    16, 24, 32, 48, 64, 96, 128, …    powers of two and the halves between: for yourself
+    programs   128, 512, 2048, 2176, …           then sixteen an octave: what eager calls use
 
 A clip ``(T, ...)`` is padded to the next size by repeating its last frame and travels with its
-true length T; functions that take ``x_length`` and ``y_length`` ignore the rest, exactly. From 16
-frames on at most a third of a bucket is padding, and clips of up to T frames need about
-2 log₂(T/16) compilations. Cost O(T).
+true length T; functions that take ``length``, ``x_length`` and ``y_length`` ignore the rest,
+exactly. From 16 frames on at most a third of a bucket is padding, and clips of up to T frames need
+about 2 log₂(T/16) compilations; programs waste more of little work and compile less. Cost O(T).
 """
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Shaped
 
 from jaxmotion._checks import traced
 from jaxmotion._types import AnyArray
+
+_SIZES = (128, 512, 2048)
 
 
 def bucket_size(num_frames: int, smallest: int = 16) -> int:
@@ -53,10 +62,60 @@ def pad_to_bucket(
     return clip[index], frames
 
 
-def in_buckets(*clips: AnyArray) -> tuple[AnyArray, ...]:
-    """The clips, of two frames or more and not traced, each padded to its bucket, as NumPy
-    arrays; others as they are (one frame does not determine what comes after it)."""
-    if traced(clips):
-        return clips
-    clips = tuple(map(np.asarray, clips))  # type: ignore[assignment]
-    return tuple(pad_to_bucket(c)[0] if len(c) > 1 else c for c in clips)
+# Whether eager calls are computed at one of a few sizes; of the current thread or task.
+_shared: ContextVar[bool] = ContextVar("jaxmotion buckets", default=True)
+
+
+@contextmanager
+def buckets(shared: bool) -> Iterator[None]:
+    """Inside this ``with``, whether eager calls share compiled programs between clips of many
+    lengths, as they do outside.
+
+    A call with a clip that is not traced pads it to 128, 512 or 2048 frames (longer ones by a
+    sixteenth at most), computes with ``length=``, and cuts the result: the same numbers to
+    rounding, and clips of up to 2048 frames need three compilations. Nothing is padded under your
+    own ``jax.jit``, or with ``length=`` given. A length that is computed over and over eagerly is
+    computed faster at its own size.
+
+    **Arguments:** ``shared``: False computes every clip at its own size.
+    **Returns:** a context manager.
+
+    **Example:**
+
+        >>> import jaxmotion as jm
+        >>> motion = jm.samples.load("walk").motion[:16]
+        >>> with jm.buckets(False):  # compiles for 16 frames
+        ...     calm = jm.stylize(motion, 0.5)
+    """
+    token = _shared.set(shared)
+    try:
+        yield
+    finally:
+        _shared.reset(token)
+
+
+def program_size(frames: int) -> int:
+    """The size at which an eager call computes a clip: compiling takes so much longer than a short
+    clip that one of four times the length costs nothing beside it."""
+    for size in _SIZES:
+        if frames <= size:
+            return size
+    step = 2 ** (math.ceil(math.log2(frames)) - 5)
+    return -(-frames // step) * step
+
+
+def shares_programs(frames: int, *given: Any) -> bool:
+    """Whether an eager call of a clip of so many frames is computed at its :func:`program_size`:
+    not where anything ``given`` is traced, nor for one frame, which does not determine what comes
+    after it."""
+    return frames > 1 and _shared.get() and not traced(given)
+
+
+def in_buckets(*clips: AnyArray, size: Callable[[int], int] = program_size) -> tuple[AnyArray, ...]:
+    """The clips, of two frames or more and not traced, each padded to its ``size``, as NumPy
+    arrays; others as they are."""
+
+    def padded(clip: Any) -> AnyArray:
+        return pad_to_bucket(clip, size(len(clip)))[0] if shares_programs(len(clip)) else clip
+
+    return clips if traced(clips) else tuple(padded(np.asarray(clip)) for clip in clips)

@@ -21,6 +21,7 @@ one after the other, each O(T·J).
 
 from typing import Literal
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,6 +31,7 @@ from jaxmotion import quaternion
 from jaxmotion._checks import counted, known, one_number, one_of, require, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
+from jaxmotion._room import Room, room_for
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.frames.count import counted_weights
@@ -128,7 +130,29 @@ def decompose(
     check_positive("decompose: lam_c", lam_c)
     check_positive("decompose: sigma_c", sigma_c)
     lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (lam_c, sigma_c))
-    return layers_of(motion, weights, gamma, lam_c, sigma_c, scope, order, tune, method)
+    room, motion, weights = with_room(motion, weights, length, method, gamma, lam_c, sigma_c)
+    layers = layers_of(motion, weights, gamma, lam_c, sigma_c, scope, order, tune, method)
+
+    def of_frames(layers):
+        return layers.base, layers.control, layers.residual
+
+    return eqx.tree_at(of_frames, layers, tuple(map(room.cut, of_frames(layers))))
+
+
+def with_room(
+    motion: Motion, weights: Array | None, length: ScalarLike | None, method: str, *given
+) -> tuple[Room, Motion, Array | None]:
+    """Room for what :func:`checked_weights` returned, and the two in it; ``given``: whatever else
+    may be traced. None for the exact smoother: stiff in float32, it has no digits for a long tail
+    without data."""
+    room = Room(motion.num_frames)
+    if method == "chordal":
+        room = room_for(motion, weights, given, length=length)
+    if room.size:
+        weights = None if weights is None else room.fill(weights)
+        count = jnp.asarray(room.frames, jnp.int32)
+        weights = counted_weights(weights, count, room.size, motion.dtype)
+    return room, room.fill(motion), weights
 
 
 def checked_layers(

@@ -24,6 +24,7 @@ from jaxmotion.layers.decompose import (
     checked_layers,
     checked_weights,
     layers_of,
+    with_room,
     without_noise,
 )
 from jaxmotion.motion import Motion
@@ -132,15 +133,17 @@ def denoise(
     for name, value in (("lam", lam), ("sigma", sigma)):
         if value is not None:
             check_positive(f"denoise: {name}", value)
+    removed = _gain("denoise: strength", strength, motion)
+    room, motion, weights = with_room(motion, weights, length, method, removed, lam, sigma)
+    kept = 1.0 - (room.fill(removed) if removed.ndim == 2 else removed)
     if robust:
         weights = outlier_weights(motion, weights=weights)
-    kept = 1.0 - _gain("denoise: strength", strength, motion)
     if tune and lam is None and sigma is None:
-        return _without_noise(motion, weights, kept, method)
+        return room.cut(_without_noise(motion, weights, kept, method))
     given = (np.pi / 2, *(1.0 if value is None else value for value in (lam, sigma)))
     gamma, lam_c, sigma_c = (jnp.asarray(value, motion.dtype) for value in given)
     layers = layers_of(motion, weights, gamma, lam_c, sigma_c, method=method)
-    return _edited("denoise", layers, 1.0, kept, 1.0)
+    return room.cut(_edited("denoise", layers, 1.0, kept, 1.0))
 
 
 @compiled
@@ -182,9 +185,15 @@ def stylize(
     """
     check_kept(motion, keep_contacts, "stylize", length)
     motion, weights, gamma = checked_layers("stylize", motion, gamma, None, length)
+    gains = [
+        _gain("stylize: alpha", alpha, motion),
+        _gain("stylize: residual", residual, motion),
+    ]
+    room, roomy, weights = with_room(motion, weights, length, "chordal", gamma, gains)
+    alpha, residual = (room.fill(x) if x.ndim == 2 else x for x in gains)
     one = jnp.ones((), motion.dtype)
-    layers = layers_of(motion, weights, gamma, one, one)
-    edit = _edited("stylize", layers, alpha, residual, alpha)
+    layers = layers_of(roomy, weights, gamma, one, one)
+    edit = room.cut(_edited("stylize", layers, alpha, residual, alpha))
     return spacetime.keep_contacts(edit, motion, keep_contacts, length=length)
 
 

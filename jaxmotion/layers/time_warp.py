@@ -29,7 +29,7 @@ from jaxmotion._checks import known, require, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts, detect
-from jaxmotion.frames.padding import bucket_size, in_buckets
+from jaxmotion.frames.padding import in_buckets, program_size
 from jaxmotion.layers.synthesize import stylize
 from jaxmotion.motion import Motion
 from jaxmotion.timing.resample import Method, Signs, even_reading, frames_within, read_motion
@@ -106,8 +106,8 @@ def time_warp(
     else:
         step = total / max(num_frames - 1, 1)
     step = jnp.asarray(step, dtype)
-    count = bucket_size(num_frames)
-    at = _source_times(knots, places, step, ease_in, ease_out, duration, count)[:num_frames]
+    count = program_size(num_frames)
+    at = known(_source_times(knots, places, step, ease_in, ease_out, duration, count))[:num_frames]
     reading = even_reading(at, frames, dtype)
     retimed = read_motion(
         motion, reading, motion.frame_time, method=method, smoothing=smoothing, signs=signs

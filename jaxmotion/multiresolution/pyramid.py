@@ -28,6 +28,7 @@ from jaxtyping import Array, Float, Int
 from jaxmotion._checks import counted
 from jaxmotion._file_facts import compiled, file_fact
 from jaxmotion._portable import Portable
+from jaxmotion._room import Room, room_for
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
@@ -122,7 +123,32 @@ def build_pyramid(
         count, motion = counted("build_pyramid: length", length, motion.num_frames, motion)
         count = count.astype(int)
     times = checked_times(times, motion.num_frames, motion.dtype, "build_pyramid", length)
-    return _build(motion, levels, times, lazy, count)
+    if length is not None or times is not None:
+        return _build(motion, levels, times, lazy, count)
+    room = room_for(motion)
+    count = None if room.length is None else jnp.asarray(room.length)
+    pyramid = _build(room.fill(motion), levels, None, lazy, count)
+    return _cut(pyramid, level_sizes(motion.num_frames, levels)[::-1]) if room.size else pyramid
+
+
+def _cut(pyramid: Pyramid, frames: list[int]) -> Pyramid:
+    """The pyramid of the frames that count: so many of each level, base first."""
+    stored = [size // 2 if pyramid.lazy else size for size in frames[1:]]
+    details = [
+        Room(size, len(detail.rotations)).cut(detail)
+        for detail, size in zip(pyramid.details, stored, strict=True)
+    ]
+    base = Room(frames[0], len(pyramid.base)).cut(pyramid.base)
+    return Pyramid(
+        base=base,
+        details=tuple(details),
+        times=None,
+        length=None,
+        frames=tuple(frames),
+        skips=pyramid.skips,
+        lazy=pyramid.lazy,
+        frame_time_text=pyramid.frame_time_text,
+    )
 
 
 def level_count(frames: int, levels: int | None, caller: str) -> int:

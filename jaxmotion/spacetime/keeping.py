@@ -19,10 +19,13 @@ import jax.numpy as jnp
 
 from jaxmotion import spacetime
 from jaxmotion._checks import counted, traced
+from jaxmotion._room import Room
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, detect, fit_distances
+from jaxmotion.contacts.contact import check_frames
 from jaxmotion.contacts.nearby import contacts_near, motion_near, moved_as, origin_of
 from jaxmotion.motion import Motion
+from jaxmotion.spacetime.solve import with_room, without_room
 
 if TYPE_CHECKING:
     from jaxmotion.spacetime.solve import Report, Weights
@@ -89,11 +92,16 @@ def restore(
     """
     if weights is None:
         weights = spacetime.Weights(size=_SIZE, bend=_SIZE * _FADE**4, root=_ROOT)
+    room = Room(motion.num_frames)
     if length is not None:
         length, motion = counted("keep_contacts: length", length, contacts.num_frames, motion)
+    else:
+        check_frames(motion, contacts, "keep_contacts")
+        room, motion, contacts = with_room(motion, contacts, weights)
+        length = room.length
     # Near the origin once for both steps, or far away the targets' rounding would come between.
     origin = origin_of(motion)
     start, aimed = motion_near(motion, origin), contacts_near(contacts, origin)
     fitted = fit_distances(start, aimed)
     answer, report = spacetime.satisfy(start, fitted, weights=weights, length=length)
-    return moved_as(motion, start, answer), report
+    return without_room(room, moved_as(motion, start, answer), report)

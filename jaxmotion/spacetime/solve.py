@@ -43,8 +43,10 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxmotion._checks import counted, one_of, poisoned, raise_faults
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
+from jaxmotion._room import Room, room_for
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.contacts import ContactPoints, Contacts
+from jaxmotion.contacts.contact import over_time
 from jaxmotion.contacts.detect import mean_limb_lengths
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, moved_as, origin_of
 from jaxmotion.frames.count import frame_mask
@@ -162,11 +164,15 @@ def satisfy(
             f"satisfy: joint_limits has {joint_limits.lower.shape[0]} joints, the motion "
             f"{motion.num_joints}"
         )
-    count = None
+    count, room = None, Room(motion.num_frames)
     if length is not None:
         if method == "hierarchical":
             raise ValueError('satisfy: method="hierarchical" takes no length; cut the clip instead')
         count, motion = counted("satisfy: length", length, motion.num_frames, motion)
+    elif method == "gauss_newton":
+        given = joint_limits, floor, weights, ramp
+        room, motion, contacts = with_room(motion, contacts, *given)
+        count = None if room.length is None else jnp.asarray(room.length, jnp.int32)
     dtype = motion.dtype
     weights = Weights() if weights is None else weights
     weights = Weights(**{name: jnp.asarray(x, dtype) for name, x in vars(weights).items()})
@@ -182,10 +188,28 @@ def satisfy(
         float(tolerance),
         _STEPS[method] if max_steps is None else int(max_steps),
     )
+    answer, report = without_room(room, answer, report)
     if not throw:
         return answer, report
     message = "satisfy: not at rest when its steps were used up; give more, or a larger tolerance"
     return raise_faults((answer, report), [(~report.converged, message)])
+
+
+def with_room(motion: Motion, contacts: Contacts, *given) -> tuple[Room, Motion, Contacts]:
+    """Room for a clip and its contacts, and the two in it; ``given``: whatever else may be
+    traced."""
+    room = room_for(motion, contacts, given)
+    filled = tuple(map(room.fill, over_time(contacts)))
+    return room, room.fill(motion), eqx.tree_at(over_time, contacts, filled)
+
+
+def without_room(room: Room, answer: Motion, report: Report) -> tuple[Motion, Report]:
+    """The frames that count of what came out."""
+
+    def by_frame(report):
+        return report.position_error, report.penetration, report.limit_excess
+
+    return room.cut(answer), eqx.tree_at(by_frame, report, tuple(map(room.cut, by_frame(report))))
 
 
 @compiled

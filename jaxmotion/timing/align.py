@@ -31,7 +31,7 @@ from jaxmotion._numerics import safe_sqrt
 from jaxmotion._portable import Portable
 from jaxmotion._types import ScalarLike
 from jaxmotion.frames.count import frame_mask
-from jaxmotion.frames.padding import in_buckets
+from jaxmotion.frames.padding import bucket_size, in_buckets
 from jaxmotion.linalg import banded_solve
 from jaxmotion.motion import Motion
 from jaxmotion.timing.dtw import dtw
@@ -92,7 +92,7 @@ def align(
         path = jnp.stack([warp.source_index, warp.reference_index], axis=1)
         length = jnp.asarray(path.shape[0], jnp.int32)
     else:
-        x, y = in_buckets(x, y)
+        x, y = in_buckets(x, y, size=bucket_size)
         warp = dtw(
             x,
             y,

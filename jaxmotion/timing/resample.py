@@ -40,8 +40,9 @@ from jaxmotion import quaternion
 from jaxmotion._checks import known, one_of, require, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._program import one_program
+from jaxmotion._room import Room, room_for
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
-from jaxmotion.frames.padding import bucket_size, in_buckets
+from jaxmotion.frames.padding import program_size
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion.sign_choice import signed
 from jaxmotion.timing.spline import local_slopes, read_curve, smoothed_knots
@@ -154,7 +155,8 @@ def _rounded_off(frame_time: np.ndarray) -> float:
 
 def even_reading(at: Float[AnyArray, " reading"], frames: int, dtype) -> Reading:
     """Where to read a clip of evenly spaced frames at the positions ``at``, counted in frames."""
-    xp = jnp if isinstance(at, jax.Array) else np
+    at = known(at)
+    xp = jnp if traced(at) else np
     interval = xp.clip(xp.floor(at), 0, max(frames - 2, 0))
     fraction = (at - interval).astype(dtype)
     return Reading(xp.ones(frames - 1, dtype), interval.astype(np.int32), fraction)  # type: ignore
@@ -183,17 +185,20 @@ def read_motion(
         )
     if method != "lgs" and (traced(smoothing) or np.any(known(smoothing) != 0)):
         raise ValueError(f"resample: method={method!r} takes no smoothing=, only 'lgs' does")
-    given, smoothing = smoothing, jnp.asarray(smoothing, motion.dtype)
-    negative = ~(known(given) >= 0).all()
-    motion = require(motion, negative, "resample: smoothing must be λσ of 0 or more", got=given)
+    negative = ~(known(smoothing) >= 0).all()
+    message = "resample: smoothing must be λσ of 0 or more"
+    motion = require(motion, negative, message, got=smoothing)
+    smoothing = jnp.asarray(smoothing, motion.dtype)
     frames, wanted = motion.num_frames, reading.fraction.shape[0]
     moved = motion.translated_joints
-    translations, rotations = motion.translations, motion.rotations
-    if frames > 1 and not traced(translations, rotations, reading, smoothing):
-        translations, rotations = in_buckets(translations, rotations)
-        reading = _padded(reading, rotations.shape[0] - 1, bucket_size(wanted))
-    h, interval, fraction = map(jnp.asarray, reading)
-    translations, place = _about_place(translations, moved)
+    room = room_for(motion, reading, smoothing)
+    given, for_result = room.fill(motion), Room(wanted)
+    if room.size:
+        for_result = Room(wanted, program_size(wanted))
+        reading = _padded(reading, room.size - 1, for_result.size)
+    h, interval, fraction = jax.device_put(tuple(reading))
+    rotations = given.rotations
+    translations, place = _about_place(given.translations, moved)
     if method == "slerp":
         poses = _slerp(translations, rotations, interval, fraction)
     else:
@@ -203,9 +208,8 @@ def read_motion(
         length = jnp.asarray(frames, jnp.int32)
         curve = _curve(translations, rotations, h, smoothing, length, method, signs)
         poses = _read(h, *curve, interval, fraction, len(moved))
-    new_translations, new_rotations = (part[:wanted] for part in poses)
-    resting = jnp.asarray(motion.translations)
-    new_translations = _put_back(resting, place, new_translations, moved)
+    new_translations = for_result.cut(_put_back(given.translations, place, poses[0], moved))
+    new_rotations = for_result.cut(poses[1])
     rate = {} if frame_time is motion.frame_time else {"frame_time": frame_time}
     return motion.replace(translations=new_translations, rotations=new_rotations, **rate)
 

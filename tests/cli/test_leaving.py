@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.cli import _cache, _leaving
+from jaxmotion import _compilation_cache as _cache
+from jaxmotion.cli import _leaving
 from tests.cli import processes
 from tests.cli.conftest import swinging
 

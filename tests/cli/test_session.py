@@ -9,7 +9,8 @@ import jax
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.cli import _cache, _session
+from jaxmotion import _compilation_cache as _cache
+from jaxmotion.cli import _session
 from tests.cli.conftest import swinging
 
 

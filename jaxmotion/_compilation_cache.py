@@ -12,9 +12,53 @@ import zlib
 from contextlib import suppress
 from pathlib import Path
 
+from jaxmotion._plain import printable
+
 _LOOKED = "jaxmotion-looked"  # its time of change: entries that are older were whole
 _SLACK = 2 * 10**9  # nanoseconds by which file systems round times
 _ZSTD = b"\x28\xb5\x2f\xfd"
+
+
+def enable_compilation_cache(folder: str | os.PathLike | None = None) -> Path:
+    """Keep compiled programs on disk, so that the next process does not compile them again.
+
+    Sets JAX's configuration for the whole process. Not kept are programs that stop at a wrong
+    traced value, because they call the host: run your own ``jax.jit`` of the library inside of
+    ``with jaxmotion.checks("nan")``. Eager calls check what is known and are kept.
+
+    **Arguments:** ``folder``: made if it is not there; by default that of the command line:
+    ``JAXMOTION_CACHE_DIR``, or ``jaxmotion`` in the user's folder of caches.
+    **Returns:** the folder.
+    **Raises:** ``OSError`` for a folder that cannot be made or written to, or none by default.
+
+    **Example:**
+
+        >>> import tempfile, jax, jaxmotion as jm
+        >>> before = jax.config.jax_compilation_cache_dir
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     kept = jm.enable_compilation_cache(folder)
+        ...     jax.config.update("jax_compilation_cache_dir", before)
+        >>> kept.name == kept.stem
+        True
+    """
+    chosen = cache_folder() if folder is None else Path(folder).expanduser()
+    if chosen is None:
+        raise OSError("enable_compilation_cache: no folder is given and there is none by default")
+    chosen.mkdir(parents=True, exist_ok=True)
+    if not os.access(chosen, os.W_OK):
+        raise OSError(f"enable_compilation_cache: {printable(chosen)} cannot be written to")
+    mend(chosen)
+    keep_programs(chosen)
+    return chosen
+
+
+def keep_programs(folder: Path) -> None:
+    """Tell JAX to keep all programs, however small, in ``folder``."""
+    import jax
+
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
 def cache_folder() -> Path | None:

@@ -1,0 +1,64 @@
+"""Room for clips: eager calls computed at one of a few sizes, so that clips of many lengths share
+compiled programs (:mod:`jaxmotion.frames.padding`).
+
+    room = room_for(motion, weights, length=length)     how large
+    motion = room.fill(motion)                          the last frame repeated
+    found = f(motion, length=room.length)
+    return room.cut(found)                              the frames that count
+
+What is traced, or comes with a length of its own, gets no room and stays as it is. O(T), on the
+host: JAX would compile what fills and cuts for every length (``jnp.asarray`` of a NumPy array too,
+where ``device_put`` does not).
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import numpy as np
+
+from jaxmotion.displacement import Displacement
+from jaxmotion.frames.padding import pad_to_bucket, program_size, shares_programs
+from jaxmotion.motion import Motion
+
+Clip = TypeVar("Clip")
+
+
+class Room(NamedTuple):
+    """``frames``: how many count; ``size``: at which is computed, 0 for the clip's own."""
+
+    frames: int
+    size: int = 0
+
+    @property
+    def length(self) -> int | None:
+        """What to pass as ``length=``, None where nothing is padded."""
+        return self.frames if self.size else None
+
+    def fill(self, clip: Clip) -> Clip:
+        """A motion, or an array f[T, ...], at the size."""
+        return self._mapped(clip, lambda x: pad_to_bucket(x, self.size)[0])
+
+    def cut(self, clip: Clip) -> Clip:
+        """A motion, displacement or array at the size, without the frames that do not count."""
+        return self._mapped(clip, lambda x: x[: self.frames])
+
+    def _mapped(self, clip: Any, change: Callable[[Any], Any]) -> Any:
+        if not self.size:
+            return clip
+        if not isinstance(clip, (Motion, Displacement)):
+            return jax.device_put(change(np.asarray(clip)))
+        translations, rotations = (
+            self._mapped(x, change) for x in (clip.translations, clip.rotations)
+        )
+        if isinstance(clip, Motion):
+            return clip.with_transforms(translations, rotations)
+        return Displacement(translations, rotations, clip.sense)
+
+
+def room_for(motion: Motion, *given: Any, length: Any = None) -> Room:
+    """Room for a motion, none where it or anything ``given`` is traced, a ``length`` is given, or
+    for one frame, which does not determine what comes after it."""
+    frames = motion.num_frames
+    shared = length is None and shares_programs(frames, motion, given)
+    return Room(frames, program_size(frames) if shared else 0)
