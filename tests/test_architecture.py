@@ -19,7 +19,7 @@ PACKAGE = Path(jaxmotion.__file__).parent
 FLOORS = (
     (
         *("_types", "_numerics", "_checks", "_autodiff"),
-        *("_portable", "_lazy", "_plain", "_file_facts", "_asf_bone"),
+        *("_portable", "_summary", "_lazy", "_plain", "_file_facts", "_asf_bone", "_program"),
     ),
     ("quaternion", "linalg", "frames"),
     ("skeleton", "motion", "kinematics", "displacement", "confine", "axes", "io", "samples"),
@@ -32,6 +32,9 @@ FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 # Skeleton and Motion are what the rest of their floor speaks; the others are services to an edit.
 SIDEWAYS = {
     "_checks": {"_types"},
+    "_summary": {"_plain", "_file_facts"},
+    "_portable": {"_summary"},
+    "_asf_bone": {"_portable"},
     "motion": {"skeleton"},
     "kinematics": {"skeleton", "motion"},
     "displacement": {"skeleton", "motion"},

@@ -19,6 +19,7 @@ digits end). No gradient passes through the choice of the rung.
 one after the other, each O(T·J).
 """
 
+from collections.abc import Iterator
 from typing import Literal
 
 import jax
@@ -30,6 +31,7 @@ from jaxmotion import quaternion
 from jaxmotion._checks import counted, known, one_number, one_of, require, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
+from jaxmotion._summary import brief
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.frames.count import counted_weights
@@ -71,6 +73,10 @@ class MotionLayers(Portable):
     sigma: Float[Array, "..."]
     saturated: Bool[Array, "..."]
     tuning: MotionTuning | None
+
+    def _words(self) -> Iterator[str]:
+        yield from self.base._words()
+        yield f"base λ={brief(self.lam)} σ={brief(self.sigma)}"
 
 
 def decompose(

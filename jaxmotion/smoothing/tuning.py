@@ -22,6 +22,7 @@ names the choice of λ as future work.
 """
 
 import math
+from collections.abc import Iterator
 from typing import Literal, TypeAlias
 
 import equinox as eqx
@@ -32,6 +33,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion._checks import one_of
 from jaxmotion._portable import Portable
+from jaxmotion._summary import brief
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
@@ -72,6 +74,10 @@ class MotionTuning(Portable):
 
     rotations: Tuning
     translations: Tuning
+
+    def _words(self) -> Iterator[str]:
+        for name, learned in (("rotations", self.rotations), ("translations", self.translations)):
+            yield f"{name} λ={brief(learned.lam)} σ={brief(learned.sigma)}"
 
 
 def tune(
