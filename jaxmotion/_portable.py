@@ -5,7 +5,9 @@ it silently loses half its digits; and Python counts a module of any size as 56 
 :class:`Portable` module is pickled with its arrays as NumPy's (protocol 5 sends their memory
 without a copy), and its size is that of its arrays.
 
-Shown, a module is one line (:mod:`jaxmotion._summary`), where equinox prints every field.
+Shown, a module is one line (:mod:`jaxmotion._summary`), where equinox prints every field. Its hash
+goes with ``==``, which leaves out what only its file says: the parts of a motion that
+``eqx.partition`` calls static are one static argument for every spelling.
 
 Read back, JAX arrays are JAX arrays of the same dtype; those that the reading process cannot hold
 (float64 without ``jax_enable_x64``) stay NumPy arrays, whole. Sharding is not kept.
@@ -49,6 +51,10 @@ class Portable(eqx.Module):
         new = object.__new__(type(self))
         vars(new).update(values)
         return new
+
+    def __hash__(self) -> int:
+        leaves, structure = jax.tree.flatten(self)
+        return hash((structure, *leaves))
 
     def __repr__(self) -> str:
         return line(self, self._words)
