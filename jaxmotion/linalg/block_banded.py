@@ -297,7 +297,7 @@ def _inside(blocks: Array) -> Array:
     return inside.reshape(time, band, *[1] * (blocks.ndim - 2))
 
 
-def _aligned(blocks: Array, b: Array) -> Array:
+def _aligned(blocks: AnyArray, b: AnyArray) -> AnyArray:
     """Give shared blocks the lane axes of ``b``; check that the two fit."""
     lanes = b.shape[2:]
     if blocks.ndim == 4:

@@ -34,7 +34,7 @@ from jaxtyping import Array, Float
 from jaxmotion._checks import one_of
 from jaxmotion._portable import Portable
 from jaxmotion._summary import brief
-from jaxmotion._types import ArrayLike
+from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
 from jaxmotion.smoothing.design import check_known
@@ -137,7 +137,7 @@ def _tune_motion(motion: Motion, weights: ArrayLike | None, options: dict) -> Mo
 
 
 def tune_signal(
-    y: Float[Array, "data *channels"],
+    y: Float[AnyArray, "data *channels"],
     *,
     criterion: Criterion = "evidence",
     per: Per = "joint",
