@@ -87,9 +87,9 @@ class Skeleton(Portable):
         (3, 2, (0, 1), ((0,), (1,), (2,)))
         >>> print(arm)
         Skeleton(3 joints from upper, y up, float64, NumPy)
-        upper        0
-        └─ lower     0.3
-           └─ hand   0.25
+        upper       0
+        └─ lower    0.3
+           └─ hand  0.25
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
