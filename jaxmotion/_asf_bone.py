@@ -2,8 +2,10 @@
 
 import equinox as eqx
 
+from jaxmotion._portable import Portable
 
-class AsfBone(eqx.Module):
+
+class AsfBone(Portable):
     """What an ASF file says of a bone beyond its offset; one a joint, all static.
 
     **Fields:** ``axis``: Euler angles in degrees of the bone's own frame C, in ``axis_order``;

@@ -10,13 +10,15 @@ rounding error of the dtype, at x < eps^(1/3).
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxmotion._types import AnyArray
+
 
 def series_switch(dtype) -> float:
     """Squared argument below which a three-term series is exact to rounding."""
     return float(jnp.finfo(dtype).eps) ** (1.0 / 3.0)
 
 
-def safe_sqrt(x: Float[Array, "..."], floor: float = 0.0) -> Float[Array, "..."]:
+def safe_sqrt(x: Float[AnyArray, "..."], floor: float = 0.0) -> Float[Array, "..."]:
     """√x for x ≥ 0 with value and derivative 0, not infinity, where x ≤ ``floor``; NaN of NaN."""
     flat = x <= floor
     return jnp.where(flat, 0.0, jnp.sqrt(jnp.where(flat, 1.0, x)))
@@ -28,19 +30,19 @@ def rounding_angle(dtype) -> float:
 
 
 def safe_norm(
-    v: Float[Array, "..."], axis: int = -1, keepdims: bool = False
+    v: Float[AnyArray, "..."], axis: int = -1, keepdims: bool = False
 ) -> Float[Array, "..."]:
     """Euclidean norm along ``axis`` with gradient 0 at the zero vector."""
     return safe_sqrt(jnp.sum(v * v, axis=axis, keepdims=keepdims))
 
 
-def safe_arctan2(y: Float[Array, "..."], x: Float[Array, "..."]) -> Float[Array, "..."]:
+def safe_arctan2(y: Float[AnyArray, "..."], x: Float[AnyArray, "..."]) -> Float[Array, "..."]:
     """atan2(y, x), with value and gradient 0 at the origin."""
     somewhere = (x != 0) | (y != 0)
     return jnp.where(somewhere, jnp.arctan2(y, jnp.where(somewhere, x, 1.0)), 0.0)
 
 
-def cos_half(x: Float[Array, "..."]) -> Float[Array, "..."]:
+def cos_half(x: Float[AnyArray, "..."]) -> Float[Array, "..."]:
     """cos(θ/2) as a smooth function of x = θ²."""
     far = x > series_switch(x.dtype)
     theta = jnp.sqrt(jnp.where(far, x, 1.0))
@@ -48,7 +50,7 @@ def cos_half(x: Float[Array, "..."]) -> Float[Array, "..."]:
     return jnp.where(far, jnp.cos(0.5 * theta), near)
 
 
-def sin_half_over(x: Float[Array, "..."]) -> Float[Array, "..."]:
+def sin_half_over(x: Float[AnyArray, "..."]) -> Float[Array, "..."]:
     """sin(θ/2)/θ as a smooth function of x = θ²; ½ at 0."""
     far = x > series_switch(x.dtype)
     theta = jnp.sqrt(jnp.where(far, x, 1.0))
@@ -56,7 +58,7 @@ def sin_half_over(x: Float[Array, "..."]) -> Float[Array, "..."]:
     return jnp.where(far, jnp.sin(0.5 * theta) / theta, near)
 
 
-def angle_over_sine(s2: Float[Array, "..."], w: Float[Array, "..."]) -> Float[Array, "..."]:
+def angle_over_sine(s2: Float[AnyArray, "..."], w: Float[AnyArray, "..."]) -> Float[Array, "..."]:
     """2·atan2(s, w)/s for s = √s2 ≥ 0 and w ≥ 0: the factor of the quaternion logarithm.
 
     Scaling s and w together divides it by the scale, so the switch compares s2 with w²; 2 where

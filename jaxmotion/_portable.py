@@ -5,11 +5,16 @@ it silently loses half its digits; and Python counts a module of any size as 56 
 :class:`Portable` module is pickled with its arrays as NumPy's (protocol 5 sends their memory
 without a copy), and its size is that of its arrays.
 
+Shown, a module is one line (:mod:`jaxmotion._summary`), where equinox prints every field. Its hash
+goes with ``==``, which leaves out what only its file says: the parts of a motion that
+``eqx.partition`` calls static are one static argument for every spelling.
+
 Read back, JAX arrays are JAX arrays of the same dtype; those that the reading process cannot hold
 (float64 without ``jax_enable_x64``) stay NumPy arrays, whole. Sharding is not kept.
 """
 
 import copy
+from collections.abc import Iterable
 from typing import Any
 
 import equinox as eqx
@@ -18,6 +23,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
+
+from jaxmotion._summary import by_field, line
 
 
 class Portable(eqx.Module):
@@ -44,6 +51,23 @@ class Portable(eqx.Module):
         new = object.__new__(type(self))
         vars(new).update(values)
         return new
+
+    def __hash__(self) -> int:
+        leaves, structure = jax.tree.flatten(self)
+        return hash((structure, *leaves))
+
+    def __repr__(self) -> str:
+        return line(self, self._words)
+
+    def __pdoc__(self, **_: Any):
+        """For wadler_lindig, which calls it: equinox prints with that what holds such a module."""
+        from wadler_lindig import TextDoc
+
+        return TextDoc(repr(self))
+
+    def _words(self) -> Iterable[str]:
+        """What the line says."""
+        return by_field(self)
 
     def __sizeof__(self) -> int:
         sizes = (getattr(leaf, "nbytes", 0) for leaf in jax.tree.leaves(self))

@@ -11,6 +11,7 @@ leaves them unchanged; in the world sense u stays in the parent's axes and v tur
 length. ``plus(reference, minus(motion, reference)) == motion`` in either. Cost O(T·J).
 """
 
+from collections.abc import Iterator
 from typing import Literal, TypeAlias
 
 import equinox as eqx
@@ -19,6 +20,7 @@ from jaxtyping import Float
 
 from jaxmotion._checks import one_of
 from jaxmotion._portable import Portable
+from jaxmotion._summary import kept_as, moving
 from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion import between, conjugate, exp, exp_half, log, log_half, multiply, rotate
@@ -56,6 +58,11 @@ class Displacement(Portable):
             )
         factor = factor[..., None] if factor.ndim else factor
         return Displacement(factor * self.translations, factor * self.rotations, self.sense)
+
+    def _words(self) -> Iterator[str]:
+        yield from moving(self.rotations, "displacement")
+        yield f"{self.sense} sense"
+        yield kept_as(self.rotations)
 
 
 def plus(motion: Motion, displacement: Displacement) -> Motion:

@@ -20,6 +20,7 @@ by level. Local rotations are normalised on the way, so the derivative along the
 the zero quaternion stands for the identity.
 """
 
+from collections.abc import Iterator
 from functools import partial
 from itertools import pairwise
 
@@ -32,6 +33,7 @@ from jaxtyping import Array, Float
 from jaxmotion import quaternion
 from jaxmotion._checks import traced
 from jaxmotion._portable import Portable
+from jaxmotion._summary import kept_as, moving, some
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion.algebra import multiply
 from jaxmotion.quaternion.parts import normalized, product, rotated
@@ -59,6 +61,11 @@ class WorldPose(Portable):
     positions: Float[Array, "*batch time joint 3"]
     rotations: Float[Array, "*batch time joint 4"]
     end_positions: Float[Array, "*batch time end 3"]
+
+    def _words(self) -> Iterator[str]:
+        yield from moving(self.positions)
+        yield some(self.end_positions.shape[-2], "end site")
+        yield kept_as(self.positions)
 
 
 @eqx.filter_jit
@@ -263,6 +270,10 @@ class WorldVelocity(Portable):
 
     linear: Float[Array, "*batch time joint 3"]
     angular: Float[Array, "*batch time joint 3"]
+
+    def _words(self) -> Iterator[str]:
+        yield from moving(self.linear)
+        yield kept_as(self.linear)
 
 
 @eqx.filter_jit

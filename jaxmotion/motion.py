@@ -7,6 +7,7 @@ repeats its offset. The root's transform is in the world.
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -19,6 +20,7 @@ from jaxmotion._checks import known, require, traced
 from jaxmotion._file_facts import file_fact
 from jaxmotion._portable import Portable
 from jaxmotion._program import one_program
+from jaxmotion._summary import batched, called, html_table, kept_as, some, timing
 from jaxmotion._types import AnyArray, Scalar
 from jaxmotion.skeleton import Skeleton
 
@@ -211,6 +213,36 @@ class Motion(Portable):
         """The same clip with every array in another floating-point type."""
 
         return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
+
+    def _words(self) -> Iterator[str]:
+        *batch, frames, _, _ = self.rotations.shape
+        yield batched(batch, "clip", some(frames, "frame"))
+        yield from timing(frames, self.frame_time)
+        yield from self.skeleton._figure()
+        yield kept_as(self.rotations)
+
+    def _repr_html_(self) -> str | None:
+        """A table, for notebooks; None (they print the line then) where arrays are something else,
+        as a tree map makes them."""
+        try:
+            rows = dict(self._rows())
+        except (AttributeError, IndexError, TypeError, ValueError):
+            return None
+        return html_table(type(self).__name__, rows)
+
+    def _rows(self) -> Iterator[tuple[str, str]]:
+        *batch, frames, _, _ = self.rotations.shape
+        skeleton, known = self.skeleton, self.skeleton.conventions
+        yield "Frames", batched(batch, "clip", some(frames, "frame"))
+        for text in timing(frames, self.frame_time):
+            yield "Time", text
+        if self.frame_time_text is not None:
+            yield "Frame time", f"{self.frame_time_text} s in the file"
+        yield "Joints", f"{self.num_joints}: {called(skeleton.names, 6)}"
+        yield "End sites", str(len(skeleton.end_joints))
+        yield "Translated", called([skeleton.names[j] for j in self.translated_joints], 6)
+        yield "Up", skeleton.up if known.up == "told" else f"{skeleton.up} ({known.up})"
+        yield "Numbers", kept_as(self.rotations)
 
 
 @one_program()

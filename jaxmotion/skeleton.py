@@ -9,7 +9,7 @@ below to be a file fact is kept for the file's sake and tells no two skeletons a
 
 import fnmatch
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -20,7 +20,9 @@ from jaxtyping import Float
 from jaxmotion._asf_bone import AsfBone
 from jaxmotion._checks import one_of
 from jaxmotion._file_facts import file_fact
+from jaxmotion._plain import printable
 from jaxmotion._portable import Portable
+from jaxmotion._summary import batched, called, kept_as, numbers, some, tree
 from jaxmotion._types import AnyArray
 
 __all__ = ["Conventions", "Skeleton"]
@@ -72,6 +74,8 @@ class Skeleton(Portable):
     - ``encoding``: of the text the names were read from, and are written in again; a file fact.
     - ``conventions``: what is told and what assumed, a :class:`Conventions`; a file fact.
 
+    Printed, it is a tree: names, and how far from its parent each joint and end site is.
+
     **Raises:** ``ValueError`` when the pieces do not fit together.
 
     **Example:**
@@ -81,6 +85,11 @@ class Skeleton(Portable):
         >>> arm = jm.Skeleton(["upper", "lower", "hand"], [-1, 0, 1], offsets)
         >>> arm.num_joints, arm.index("hand"), arm.matching("*er"), arm.levels
         (3, 2, (0, 1), ((0,), (1,), (2,)))
+        >>> print(arm)
+        Skeleton(3 joints from upper, y up, float64, NumPy)
+        upper       0
+        └─ lower    0.3
+           └─ hand  0.25
     """
 
     names: tuple[str, ...] = eqx.field(static=True)
@@ -217,6 +226,35 @@ class Skeleton(Portable):
                 f"no joint matches {pattern!r}; the joints are {', '.join(self.names)}"
             )
         return found
+
+    def _words(self) -> Iterator[str]:
+        (*batch, _, _) = self.offsets.shape
+        figure, *rest = self._figure()
+        yield batched(batch, "skeleton", figure)
+        if self.end_joints:
+            yield some(len(self.end_joints), "end site")
+        yield from rest
+        yield kept_as(self.offsets)
+
+    def _figure(self) -> Iterator[str]:
+        """What a clip of it says of it."""
+        yield f"{some(self.num_joints, 'joint')} from {called(self.names)}"
+        yield f"{self.up} up"
+
+    def __str__(self) -> str:
+        names = [printable(name) for name in self.names]
+        ends = ["end site"] * len(self.end_joints)
+        lengths = _lengths(self.offsets, len(names)) + _lengths(self.end_offsets, len(ends))
+        drawn = tree(names + ends, self.parents + self.end_joints, lengths)
+        return "\n".join([repr(self), *drawn])
+
+
+def _lengths(offsets, count: int) -> list[str]:
+    """How long each of the offsets is, where that is known and there is one set of them."""
+    read = numbers(offsets, 10**6)
+    if read is None or read.shape != (count, 3):
+        return [""] * count
+    return [f"{length:.4g}" for length in np.linalg.norm(read.astype(np.float64), axis=-1)]
 
 
 def feet_by_name(skeleton: Skeleton) -> tuple[int, ...]:

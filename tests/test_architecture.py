@@ -19,8 +19,8 @@ PACKAGE = Path(jaxmotion.__file__).parent
 FLOORS = (
     (
         *("_types", "_numerics", "_checks", "_autodiff"),
-        *("_portable", "_lazy", "_plain", "_file_facts", "_asf_bone"),
-        *("_program", "_compilation_cache"),
+        *("_portable", "_summary", "_lazy", "_plain", "_file_facts", "_asf_bone", "_program"),
+        "_compilation_cache",
     ),
     ("quaternion", "linalg", "frames"),
     (
@@ -37,6 +37,10 @@ FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 SIDEWAYS = {
     "_checks": {"_types"},
     "_compilation_cache": {"_plain"},
+    "_numerics": {"_types"},
+    "_summary": {"_plain", "_file_facts"},
+    "_portable": {"_summary"},
+    "_asf_bone": {"_portable"},
     "motion": {"skeleton"},
     "kinematics": {"skeleton", "motion"},
     "displacement": {"skeleton", "motion"},

@@ -110,7 +110,7 @@ def test_facts_are_fields_like_any_other(a, b):
     skeleton = dataclasses.replace(a.skeleton, asf=(), channels=B_CHANNELS)
     assert (skeleton.asf, skeleton.channels) == ((), B_CHANNELS)
     assert skeleton.end_labels == a.skeleton.end_labels
-    assert "0.016666668" in repr(a)
+    assert "0.016666668" in a._repr_html_()
     with pytest.raises(AttributeError):
         a.frame_time_text = "0.1"
     assert not hasattr(object.__new__(Motion), "frame_time_text")

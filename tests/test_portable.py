@@ -1,18 +1,26 @@
-"""Pickles keep every digit, also where 64-bit types are off; sizes are those of the arrays."""
+"""Copies, pickles and maps of results are what they were; equality and hashes agree.
+
+Pickles keep every digit, also where 64-bit types are off; sizes are those of the arrays.
+"""
 
 import copy
 import pickle
 import subprocess
 import sys
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmotion import Motion
+from jaxmotion import Motion, Skeleton, contacts, metrics
+from jaxmotion._file_facts import FileFact
+from jaxmotion._portable import Portable
 from jaxmotion.displacement import minus
-from tests.helpers import random_motion, random_skeleton
+from jaxmotion.spacetime import Weights
+from tests.helpers import random_motion, random_skeleton, single_precision
+from tests.results import NAMES, example, motion
 
 _READER = """
 import pickle, sys
@@ -97,3 +105,141 @@ def test_a_motion_through_dask_workers_keeps_its_digits():
 
 def _seen(motion):
     return bool(jax.config.jax_enable_x64), motion
+
+
+# Every result
+
+JOURNEYS = {
+    "copy": copy.copy,
+    "deepcopy": copy.deepcopy,
+    "pickle": lambda x: pickle.loads(pickle.dumps(x)),
+    "map": lambda x: jax.tree.map(lambda leaf: leaf, x),
+    "parts": lambda x: eqx.combine(*eqx.partition(x, eqx.is_array)),
+}
+# By identity, as scan asks of what its function belongs to.
+ITSELF_ALONE = ("StreamingSmoother",)
+# Plain tuples of arrays, which Python compares one by one.
+TUPLES_OF_ARRAYS = ("Knowledge", "Information", "Gains", "State")
+
+
+def _facts(thing):
+    """What only files say, wherever it is in a module."""
+    if isinstance(thing, FileFact):
+        return [thing.value]
+    values = vars(thing).values() if isinstance(thing, eqx.Module) else ()
+    return [fact for value in values for fact in _facts(value)]
+
+
+@pytest.mark.parametrize("travel", JOURNEYS.values(), ids=JOURNEYS)
+def test_every_result_arrives_as_it_left(travel):
+    for name in NAMES:
+        thing = example(name)
+        if name in MODULES:
+            thing = jax.tree.map(np.asarray, thing)
+        there = travel(thing)
+        assert type(there) is type(thing)
+        assert jax.tree.structure(there) == jax.tree.structure(thing), name
+        for x, y in zip(jax.tree.leaves(there), jax.tree.leaves(thing), strict=True):
+            assert type(x) is type(y), name
+            np.testing.assert_array_equal(x, y)
+        assert _facts(there) == _facts(thing)
+        if name not in (*ITSELF_ALONE, *TUPLES_OF_ARRAYS):
+            assert bool(there == thing), name
+            assert not bool(there != thing), name
+        assert repr(there) == repr(thing)
+
+
+MODULES = [name for name in NAMES if isinstance(example(name), Portable)]
+
+
+def test_every_module_is_portable_and_keeps_its_digits():
+    """Where 64-bit types are off, too; those inside of a module that is sent as well."""
+    assert [name for name in NAMES if isinstance(example(name), eqx.Module)] == MODULES
+    sent = {name: pickle.dumps(example(name)) for name in MODULES}
+    with single_precision():
+        arrived = {name: pickle.loads(data) for name, data in sent.items()}
+    for name, thing in arrived.items():
+        there = [getattr(x, "dtype", None) for x in jax.tree.leaves(thing)]
+        assert there == [getattr(x, "dtype", None) for x in jax.tree.leaves(example(name))], name
+
+
+# Equality and hashes
+
+
+def test_motions_are_equal_by_value():
+    clip = motion()
+    assert bool(clip == clip)
+    assert bool(clip == copy.deepcopy(clip))
+    assert bool(clip == jax.tree.map(np.asarray, clip))
+    assert clip in [clip[1:], clip]
+    assert clip != eqx.tree_at(lambda m: m.rotations, clip, -clip.rotations)
+    assert clip != clip[1:]
+    assert clip != clip.skeleton
+    assert clip != 3
+    with pytest.raises(TypeError, match="unhashable"):  # as any module of equinox with arrays
+        hash(clip)
+
+
+def test_what_is_equal_has_one_hash():
+    """Facts of files tell nothing apart: not the static parts of two clips, which once had two."""
+    clip = motion()
+    spelt = clip.replace(frame_time_text="0.016667", skeleton=_as_from_another_file(clip.skeleton))
+    arrays, static = eqx.partition(clip, eqx.is_array)
+    _, other = eqx.partition(spelt, eqx.is_array)
+    assert _facts(static) != _facts(other)
+    assert static == other
+    assert hash(static) == hash(other)
+    assert hash(static) != hash(eqx.partition(clip[::2].skeleton, eqx.is_array)[1])
+    traces = []
+
+    def frames(arrays, static):
+        traces.append(static)
+        return eqx.combine(arrays, static).rotations.shape[0]
+
+    counted = jax.jit(frames, static_argnums=1)
+    assert counted(arrays, static) == counted(arrays, other) == 24
+    assert len(traces) == 1
+
+
+def _as_from_another_file(skeleton: Skeleton) -> Skeleton:
+    return Skeleton(
+        skeleton.names,
+        skeleton.parents,
+        skeleton.offsets,
+        end_joints=skeleton.end_joints,
+        end_offsets=skeleton.end_offsets,
+        end_labels=["End site"] * len(skeleton.end_joints),
+        encoding="gbk",
+    )
+
+
+def test_small_results_are_keys_of_dictionaries():
+    for make in (
+        lambda: contacts.Interval("toe", 2, 3, 17, "point", (0.1, 0.0, 2.0), 0.5),
+        lambda: metrics.ContactScores(0.5, 1.0),
+        lambda: metrics.Peak(0.5, 3, "toe"),
+        lambda: metrics.Difference(
+            3, 2, metrics.Peak(0.5, 3, "toe"), metrics.Peak(0.0, 0, ""), None
+        ),
+        lambda: metrics.Problem("spike", "it jumps", 3, 4, "toe"),
+        Weights,
+        lambda: copy.deepcopy(example("AsfBone")),
+        lambda: copy.deepcopy(example("UpGuess")),
+    ):
+        assert {make(): 1}[make()] == 1
+    bone = example("AsfBone")
+    assert bone != type(bone)(length=2.0)
+    assert Weights(position=2.0) != Weights()
+
+
+def test_a_traced_result_can_be_copied_and_compared():
+    seen = []
+
+    @jax.make_jaxpr
+    def traced(clip):
+        copies = copy.copy(clip), copy.deepcopy(clip), jax.tree.map(lambda x: x, clip)
+        seen.extend(repr(c) for c in copies)
+        return [c == clip for c in copies]
+
+    traced(motion())
+    assert len(set(seen)) == 1

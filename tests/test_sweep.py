@@ -5,6 +5,7 @@ float64, and must keep these properties:
 
     value      finite
     dtype      that of the arguments
+    numpy      arguments in NumPy's arrays do as well
     jit        compiled equals eager
     vmap       mapped equals a loop
     gradients  forward and reverse mode finite, and equal to each other
@@ -208,7 +209,16 @@ class Checks:
         others = {str(x.dtype) for x in numbers if hasattr(x, "dtype")} - {str(c.dtype)}
         if "dtype" not in skips and others:
             found["dtype"] = " ".join(others)
+        if fault := self.of_numpy(c, out):
+            found["numpy"] = fault
         return found, out
+
+    def of_numpy(self, c: Case, out) -> str | None:
+        """How the answer differs for arguments as a reader without JAX would have them."""
+        try:
+            return differ(self.value(in_numpy(c)), out, self.tolerance(c))
+        except Exception as error:
+            return told(error)
 
     def compiled_value(self, c, out):
         """By the program that has the derivatives too, if there is one."""
@@ -273,6 +283,12 @@ def told(error) -> str:
     """The error in a line; Equinox puts stacks before the message of one inside of jit."""
     text = str(error).rpartition("EquinoxRuntimeError: ")[2].strip() or "no message"
     return f"{type(error).__name__}: {text.splitlines()[0][:150]}"
+
+
+def in_numpy(c: Case) -> Case:
+    """Every array but the key of random numbers."""
+    key = lambda x: jnp.issubdtype(x.dtype, jax.dtypes.prng_key)  # noqa: E731
+    return jax.tree.map(lambda x: x if key(x) else np.asarray(x), c)
 
 
 def total(x) -> float:
@@ -365,7 +381,7 @@ def drawn(rows: dict[str, dict[str, str]]) -> list[str]:
     legend = [
         "",
         ". ok; R refused as documented; - a part does not apply there; else the letters of what",
-        "fails (value, dtype, jit, vmap, gradients, quotients), capital where marked in FAULTS",
+        "fails (value, dtype, numpy, jit, vmap, gradients, quotients); capitals stand in FAULTS",
     ]
     body = [
         f"{name:{width}} " + " ".join(f"{cells[c]:6}" for c in CASES)
@@ -375,8 +391,8 @@ def drawn(rows: dict[str, dict[str, str]]) -> list[str]:
 
 
 def test_quickly():
-    """What the suite has time for: the value and dtype of a case for each function that compiles
-    fast, and every property of some where q and −q, or all frames, agree."""
+    """What the suite has time for: the value of a case, its dtype and that in NumPy, for each
+    function that compiles fast; every property of some where q and −q, or all frames, agree."""
     found = {}
     quick = [name for name in RECIPES if name not in SLOW]
     for i, name in enumerate(quick):
@@ -411,7 +427,7 @@ def test_sweep(name, table):
 
 def cell(checks, name, place, found) -> str:
     letters = ""
-    for prop in ("value", "dtype", "jit", "vmap", "gradients", "quotients"):
+    for prop in ("value", "dtype", "numpy", "jit", "vmap", "gradients", "quotients"):
         keys = [(name, place, dtype, prop) for dtype in DTYPES]
         if any(key in found for key in keys):
             marked = all(key in FAULTS for key in keys if key in found)

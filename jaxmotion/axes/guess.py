@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmotion._checks import traced
+from jaxmotion._summary import line
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton, feet_by_name
 
@@ -51,6 +52,9 @@ class UpGuess(NamedTuple):
 
     axis: str | None
     reason: str
+
+    def __repr__(self) -> str:
+        return line(self)
 
 
 def guess_up(motion: Motion) -> UpGuess:

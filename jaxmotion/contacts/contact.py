@@ -8,7 +8,7 @@ While ``mask[t, c]`` is set, y_c(t) is to be at ``target[t, c]``. T frames, C po
 unit of length. C = 0 is allowed, and so is a mask that is never set: no contacts.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxmotion import quaternion
 from jaxmotion._checks import traced
 from jaxmotion._portable import Portable
+from jaxmotion._summary import batched, called, kept_as, some
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
@@ -87,6 +88,11 @@ class ContactPoints(Portable):
         index = np.asarray(self.joints, int)
         offset = quaternion.rotate(pose.rotations[:, index], jnp.asarray(self.point, motion.dtype))
         return pose.positions[:, index] + offset
+
+    def _words(self) -> Iterator[str]:
+        points = some(self.num_points, "point")
+        yield f"{points}: {called(self.names, 3)}" if self.names else points
+        yield kept_as(self.point)
 
 
 class Contacts(Portable):
@@ -182,6 +188,12 @@ class Contacts(Portable):
     def num_points(self) -> int:
         """C, the number of points."""
         return self.points.num_points
+
+    def _words(self) -> Iterator[str]:
+        *batch, frames, _ = self.mask.shape
+        yield batched(batch, "clip", some(frames, "frame"))
+        yield next(self.points._words())
+        yield kept_as(self.target)
 
 
 def over_time(contacts: Contacts) -> tuple:

@@ -1,9 +1,11 @@
 """Contacts as a list: one entry a contact, from its first frame to its last. NumPy, O(T·C)."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from jaxmotion._summary import brief, called, line
 from jaxmotion.contacts.contact import Contacts
 
 KIND_NAMES = ("free", "point", "line", "plane")
@@ -24,6 +26,16 @@ class Interval(NamedTuple):
     kind: str
     target: tuple[float, float, float]
     confidence: float
+
+    def __repr__(self) -> str:
+        return line(self, self._words)
+
+    def _words(self) -> Iterator[str]:
+        yield called([self.point])
+        yield f"frames {brief(self.first)} to {brief(self.last)}"
+        yield self.kind
+        yield f"at {brief(self.target)}"
+        yield f"confidence {brief(self.confidence)}"
 
 
 def intervals(contacts: Contacts) -> list[Interval]:

@@ -21,13 +21,12 @@ Shapes broadcast over leading axes. Any length unit. O(1) a limb. Derivatives ar
 at full extension, for bones of length zero, and for a target at the root of the limb.
 """
 
-from typing import NamedTuple
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion._numerics import safe_arctan2, safe_norm, safe_sqrt
+from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike, Vector3
 from jaxmotion.quaternion import multiply, rotate
 from jaxmotion.quaternion.arcs import shortest_arc, unit, unit_across
@@ -35,7 +34,7 @@ from jaxmotion.quaternion.arcs import shortest_arc, unit, unit_across
 _STEADY = 0.15  # weight of the given hinge against sin of the bend
 
 
-class LimbTurn(NamedTuple):
+class LimbTurn(Portable):
     """How to turn a limb, in world axes.
 
     The turns are put before the joints' world rotations: ``multiply(turn, rotation)``.

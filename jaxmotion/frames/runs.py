@@ -9,20 +9,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
-Mask = Bool[Array, "time point"]
+from jaxmotion._types import AnyArray
+
+Mask = Bool[AnyArray, "time point"]
 
 
-def last_before(mask: Bool[Array, "time *rest"]) -> Int[Array, "time *rest"]:
+def last_before(mask: Bool[AnyArray, "time *rest"]) -> Int[Array, "time *rest"]:
     """The last set frame up to and with each frame; −1 where there is none."""
     return jax.lax.cummax(jnp.where(mask, _frames(mask), -1), axis=0)
 
 
-def next_after(mask: Bool[Array, "time *rest"]) -> Int[Array, "time *rest"]:
+def next_after(mask: Bool[AnyArray, "time *rest"]) -> Int[Array, "time *rest"]:
     """The next set frame from each frame on; T where there is none."""
     return jax.lax.cummin(jnp.where(mask, _frames(mask), mask.shape[0]), axis=0, reverse=True)
 
 
-def held(values: Shaped[Array, "time *rest"], mask: Bool[Array, "time ..."]) -> Array:
+def held(values: Shaped[AnyArray, "time *rest"], mask: Bool[AnyArray, "time ..."]) -> Array:
     """Values where the mask is set; elsewhere the last one before that is, or else the first of
     all. The mask has the values' axes, each equal or 1."""
     last, first = last_before(mask), next_after(mask)[:1] % mask.shape[0]
@@ -37,20 +39,20 @@ def hysteresis(strong: Mask, weak: Mask) -> Mask:
     return either & (from_before | from_after)
 
 
-def without_short(mask: Mask, least: Int[Array, ""], counts: Bool[Array, " time"]) -> Mask:
+def without_short(mask: Mask, least: Int[Array, ""], counts: Bool[AnyArray, " time"]) -> Mask:
     """Drop runs of fewer than ``least`` frames; those that an end of the clip cuts stay."""
     begin, end = last_before(~mask), next_after(~mask)
     cut = (begin < 0) | (end >= jnp.sum(counts, dtype=jnp.int32))
     return mask & (cut | (end - begin - 1 >= least))
 
 
-def without_gaps(mask: Mask, least: Int[Array, ""], counts: Bool[Array, " time"]) -> Mask:
+def without_gaps(mask: Mask, least: Int[Array, ""], counts: Bool[AnyArray, " time"]) -> Mask:
     """Close gaps of fewer than ``least`` frames between two runs."""
     return ~without_short(~mask & counts[:, None], least, counts) & counts[:, None]
 
 
 def mean_over_runs(
-    mask: Mask, values: Float[Array, "time point 3"], weights: Float[Array, "time point"]
+    mask: Mask, values: Float[AnyArray, "time point 3"], weights: Float[AnyArray, "time point"]
 ) -> Float[Array, "time point 3"]:
     """In each run, the weighted mean of the values over the run; where free, the values."""
     count = mask.shape[0]
@@ -75,7 +77,7 @@ def mean_over_runs(
 
 
 def spread(
-    values: Float[Array, "time limb n"], on: Bool[Array, "time limb"], reach: Float[Array, ""]
+    values: Float[AnyArray, "time limb n"], on: Bool[AnyArray, "time limb"], reach: Float[Array, ""]
 ) -> Float[Array, "time limb n"]:
     """Values where ``on``; elsewhere those of the nearest such frames before and after, faded to
     nothing over ``reach`` frames, or into one another over shorter gaps, by 2u³ − 3u² + 1."""
@@ -96,6 +98,6 @@ def spread(
     return jnp.where(on[..., None], values, side(before, since) + side(after, until))
 
 
-def _frames(mask: Bool[Array, "time *rest"]) -> Int[Array, "time *one"]:
+def _frames(mask: Bool[AnyArray, "time *rest"]) -> Int[Array, "time *one"]:
     frames = np.arange(mask.shape[0], dtype=np.int32)
     return jnp.asarray(frames.reshape(-1, *[1] * (mask.ndim - 1)))

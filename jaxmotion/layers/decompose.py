@@ -19,6 +19,7 @@ digits end). No gradient passes through the choice of the rung.
 one after the other, each O(T·J).
 """
 
+from collections.abc import Iterator
 from typing import Literal
 
 import equinox as eqx
@@ -32,6 +33,7 @@ from jaxmotion._checks import counted, known, one_number, one_of, require, trace
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._room import Room, room_for
+from jaxmotion._summary import brief
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.frames.count import counted_weights
@@ -73,6 +75,10 @@ class MotionLayers(Portable):
     sigma: Float[Array, "..."]
     saturated: Bool[Array, "..."]
     tuning: MotionTuning | None
+
+    def _words(self) -> Iterator[str]:
+        yield from self.base._words()
+        yield f"base λ={brief(self.lam)} σ={brief(self.sigma)}"
 
 
 def decompose(

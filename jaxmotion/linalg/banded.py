@@ -23,19 +23,19 @@ solve, one selected inverse).
 
 from functools import partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion._checks import require
+from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
 
 _INDEFINITE = "bands: the banded matrix is not positive definite"
 
 
-class BandedFactor(eqx.Module):
+class BandedFactor(Portable):
     """``P = L D L^T``, L unit lower triangular, D diagonal.
 
     **Fields:** ``multipliers``: f[n, w, *k], ``multipliers[j, i-1] = L[j + i, j]``; ``pivots``:
@@ -46,7 +46,7 @@ class BandedFactor(eqx.Module):
     pivots: Float[Array, "n *k"]
 
 
-def banded_factor(bands: Float[Array, "n band *k"], *, throw: bool = True) -> BandedFactor:
+def banded_factor(bands: Float[AnyArray, "n band *k"], *, throw: bool = True) -> BandedFactor:
     """Factor ``P = L D L^T``.
 
     O(n w²). Differentiable, as a scan of length n.
@@ -62,7 +62,7 @@ def banded_factor(bands: Float[Array, "n band *k"], *, throw: bool = True) -> Ba
 
 
 @jax.jit
-def banded_matvec(bands: Float[Array, "n band *k"], x: Float[Array, "n *channels"]) -> Array:
+def banded_matvec(bands: Float[AnyArray, "n band *k"], x: Float[AnyArray, "n *channels"]) -> Array:
     """``P x``.
 
     O(n w) a channel. Differentiable.
@@ -80,7 +80,7 @@ def banded_matvec(bands: Float[Array, "n band *k"], x: Float[Array, "n *channels
 
 
 def banded_solve(
-    bands: Float[Array, "n band *k"], b: Float[Array, "_ *channels"], *, throw: bool = True
+    bands: Float[AnyArray, "n band *k"], b: Float[AnyArray, "_ *channels"], *, throw: bool = True
 ) -> Array:
     """Solve ``P x = b``.
 
@@ -164,7 +164,7 @@ def banded_selected_inverse(factor: BandedFactor) -> Float[Array, "n band *k"]:
 
 
 @jax.jit
-def _factor(bands: Float[Array, "n band *k"]) -> tuple[BandedFactor, Bool[Array, ""]]:
+def _factor(bands: Float[AnyArray, "n band *k"]) -> tuple[BandedFactor, Bool[Array, ""]]:
     """Right-looking elimination; the carry holds what earlier columns take off the next w ones.
     And whether some P is not positive definite."""
     w = bands.shape[1] - 1

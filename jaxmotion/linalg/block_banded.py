@@ -29,18 +29,19 @@ both modes; solve and log-determinant have implicit derivatives of any order.
 
 from functools import partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
 from jaxmotion._checks import require
+from jaxmotion._portable import Portable
+from jaxmotion._types import AnyArray
 
 _LARGEST_UNROLLED = 4
 
 
-class BlockBandedFactor(eqx.Module):
+class BlockBandedFactor(Portable):
     """L and the inverse roots of D in the factor of P.
 
     **Fields:** ``multipliers``: f[T, w, d, d, *k], ``multipliers[t, k-1] = L[t + k, t]``;
@@ -52,7 +53,7 @@ class BlockBandedFactor(eqx.Module):
 
 
 def block_banded_factor(
-    blocks: Float[Array, "time band d d *k"], *, throw: bool = True
+    blocks: Float[AnyArray, "time band d d *k"], *, throw: bool = True
 ) -> BlockBandedFactor:
     """Factor P.
 
@@ -68,7 +69,7 @@ def block_banded_factor(
 
 
 def _checked_factor(
-    blocks: Float[Array, "time band d d *k"], throw: bool, caller: str
+    blocks: Float[AnyArray, "time band d d *k"], throw: bool, caller: str
 ) -> BlockBandedFactor:
     factor = _factor(blocks)
     if not throw:
@@ -78,7 +79,7 @@ def _checked_factor(
 
 
 def block_banded_matvec(
-    blocks: Float[Array, "time band d d *k"], x: Float[Array, "rows size *lanes"]
+    blocks: Float[AnyArray, "time band d d *k"], x: Float[AnyArray, "rows size *lanes"]
 ) -> Float[Array, "rows size *lanes"]:
     """``P x``.
 
@@ -100,8 +101,8 @@ def block_banded_matvec(
 
 
 def block_banded_solve(
-    blocks: Float[Array, "time band d d *k"],
-    b: Float[Array, "rows size *lanes"],
+    blocks: Float[AnyArray, "time band d d *k"],
+    b: Float[AnyArray, "rows size *lanes"],
     *,
     throw: bool = True,
 ) -> Float[Array, "rows size *lanes"]:
@@ -124,7 +125,7 @@ def block_banded_solve(
 
 
 @jax.custom_jvp
-def block_banded_log_det(blocks: Float[Array, "time band d d *k"]) -> Float[Array, "*k"]:
+def block_banded_log_det(blocks: Float[AnyArray, "time band d d *k"]) -> Float[Array, "*k"]:
     """``log det P``.
 
     O(T w² d³) a lane. Its derivative is read off the selected inverse.
@@ -183,7 +184,7 @@ def block_banded_selected_inverse(
 
 @jax.jit
 def block_banded_substitute(
-    factor: BlockBandedFactor, b: Float[Array, "time d *lanes"]
+    factor: BlockBandedFactor, b: Float[AnyArray, "time d *lanes"]
 ) -> Float[Array, "time d *lanes"]:
     """Solve ``P x = b`` given the factor.
 
@@ -213,7 +214,7 @@ def block_banded_substitute(
 
 
 @jax.jit
-def _factor(blocks: Float[Array, "time band d d *k"]) -> BlockBandedFactor:
+def _factor(blocks: Float[AnyArray, "time band d d *k"]) -> BlockBandedFactor:
     """Right-looking elimination; the carry holds what earlier columns take off the next w ones."""
     w = blocks.shape[1] - 1
 
@@ -296,7 +297,7 @@ def _inside(blocks: Array) -> Array:
     return inside.reshape(time, band, *[1] * (blocks.ndim - 2))
 
 
-def _aligned(blocks: Array, b: Array) -> Array:
+def _aligned(blocks: AnyArray, b: AnyArray) -> AnyArray:
     """Give shared blocks the lane axes of ``b``; check that the two fit."""
     lanes = b.shape[2:]
     if blocks.ndim == 4:

@@ -17,6 +17,7 @@ beside huge ones (keys beside the middle of a long gap) keeps its digits. Covari
 differences, and keep those of their size.
 """
 
+from collections.abc import Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -25,6 +26,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, PRNGKeyArray
 
+from jaxmotion._summary import line, per_frame
 from jaxmotion.linalg.difference_chain import (
     ChainFactor,
     DifferenceChain,
@@ -49,6 +51,9 @@ class State(NamedTuple):
     cross: Array
     velocity: Array
 
+    def __repr__(self) -> str:
+        return line(self)
+
 
 class Knowledge(NamedTuple):
     """What two sides know of one state (x, v).
@@ -59,6 +64,12 @@ class Knowledge(NamedTuple):
 
     earlier: Information
     later: Information
+
+    def __repr__(self) -> str:
+        return line(self, self._words)
+
+    def _words(self) -> Iterator[str]:
+        yield per_frame(self.earlier.position)
 
     def covariance(self, back: Array | float = 0.0) -> State:
         """Covariance of ``(x - back v, v)``.

@@ -47,6 +47,7 @@ one where a speed penalty does): nothing here checks it. Entry 0 of g and r must
 nothing was read before, weights of exactly 0 have no derivative.
 """
 
+from collections.abc import Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -58,6 +59,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 from jaxmotion._portable import Portable
+from jaxmotion._summary import line, per_frame
 
 
 class DifferenceChain(Portable):
@@ -79,6 +81,9 @@ class Information(NamedTuple):
     lever: Array
     velocity: Array
 
+    def __repr__(self) -> str:
+        return line(self)
+
 
 class Gains(NamedTuple):
     """The numbers of the two passes: ``y += take (z - y)``, ``k += pull (z - y)``, ``y += lean k``,
@@ -92,8 +97,11 @@ class Gains(NamedTuple):
     hold: Array
     slack: Array
 
+    def __repr__(self) -> str:
+        return line(self)
 
-class ChainFactor(eqx.Module):
+
+class ChainFactor(Portable):
     """What frames 0 .. j know of (x_j, v_j), and the numbers of both passes.
 
     **Fields:** ``chain``: the coefficients; ``info``: :class:`Information`; ``gains``:
@@ -103,6 +111,9 @@ class ChainFactor(eqx.Module):
     chain: DifferenceChain
     info: Information
     gains: Gains
+
+    def _words(self) -> Iterator[str]:
+        yield per_frame(self.info.position)
 
     @property
     def spread(self) -> Array:

@@ -25,6 +25,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxmotion._plain import printable
+from jaxmotion._summary import called, line
 from jaxmotion.axes import doubt_up
 from jaxmotion.metrics import measures
 from jaxmotion.motion import Motion
@@ -52,6 +54,18 @@ class Problem:
     frame: int | None = None
     last_frame: int | None = None
     joint: str | None = None
+
+    def __repr__(self) -> str:
+        return line(self, self._words)
+
+    def _words(self) -> Iterator[str]:
+        yield self.kind
+        if self.frame is not None:
+            alone = self.last_frame in (None, self.frame)
+            yield f"frame {self.frame}" if alone else f"frames {self.frame} to {self.last_frame}"
+        if self.joint is not None:
+            yield called([self.joint])
+        yield printable(self.message)
 
     @property
     def serious(self) -> bool:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jaxmotion._summary import line
 from jaxmotion._types import ArrayLike
 from jaxmotion.contacts import ContactPoints, Contacts
 from jaxmotion.contacts.contact import check_frames
@@ -31,6 +32,9 @@ class ContactScores(NamedTuple):
 
     precision: float
     recall: float
+
+    def __repr__(self) -> str:
+        return line(self)
 
 
 def slides(motion: Motion, contacts: Contacts) -> Float[np.ndarray, "step point"]:

@@ -10,12 +10,14 @@ T frames, J joints. For reports and checks: NumPy in float64 on the host, nothin
 waits for a compiler but what needs world positions. O(T·J).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxmotion._asf_bone import AsfBone
+from jaxmotion._summary import brief, called, line
 from jaxmotion._types import ArrayLike
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
@@ -37,6 +39,12 @@ class Peak:
     frame: int
     joint: str
 
+    def __repr__(self) -> str:
+        return line(self, self._words)
+
+    def _words(self) -> Iterator[str]:
+        yield f"{brief(self.value)} in frame {self.frame} of {called([self.joint])}"
+
 
 @dataclass(frozen=True)
 class Difference:
@@ -53,6 +61,15 @@ class Difference:
     angle: Peak
     shift: Peak
     distance: Peak | None
+
+    def __repr__(self) -> str:
+        return line(self, self._words)
+
+    def _words(self) -> Iterator[str]:
+        yield f"{self.frames_changed} of {self.frames} frames"
+        for name in ("angle", "shift", "distance"):
+            if (peak := getattr(self, name)) is not None:
+                yield f"{name} {brief(peak.value)} of {called([peak.joint])}"
 
 
 def turn(a: ArrayLike, b: ArrayLike) -> Float[np.ndarray, "..."]:

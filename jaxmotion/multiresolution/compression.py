@@ -13,6 +13,7 @@ The base is kept as it is. O(T·J). On the host: not for tracing, no gradient.
 """
 
 import zlib
+from collections.abc import Iterator
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -22,6 +23,7 @@ from jaxtyping import Array, Float, Int
 from jaxmotion import quaternion
 from jaxmotion._file_facts import compiled, file_fact
 from jaxmotion._portable import Portable
+from jaxmotion._summary import some
 from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
@@ -69,6 +71,12 @@ class CompressedMotion(Portable):
     rotation_error: float = eqx.field(static=True)
     frames: tuple[int, ...] = eqx.field(static=True)
     frame_time_text: str | None = file_fact()
+
+    def _words(self) -> Iterator[str]:
+        yield some(self.frames[-1], "frame")
+        yield from self.base.skeleton._figure()
+        yield f"{self.num_bytes} bytes, {self.ratio:.3g}× smaller"
+        yield f"within {self.rotation_error:.2g} rad and {self.translation_error:.2g}"
 
     def decompress(self) -> Motion:
         """The motion, within the errors.

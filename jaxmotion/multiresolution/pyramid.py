@@ -19,6 +19,7 @@ bit: compiling costs seven levels at most, not N: levels of more than 150 frames
 for its own size, up to six, all coarser ones run in one loop over padded arrays.
 """
 
+from collections.abc import Iterator
 from functools import partial
 
 import equinox as eqx
@@ -29,6 +30,7 @@ from jaxmotion._checks import counted
 from jaxmotion._file_facts import compiled, file_fact
 from jaxmotion._portable import Portable
 from jaxmotion._room import Room, room_for
+from jaxmotion._summary import batched, kept_as, numbers, some, timing
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
@@ -80,6 +82,16 @@ class Pyramid(Portable):
     skips: tuple[int, ...] = eqx.field(static=True)
     lazy: bool = eqx.field(static=True)
     frame_time_text: str | None = file_fact()
+
+    def _words(self) -> Iterator[str]:
+        *batch, coarse, _, _ = self.base.rotations.shape
+        yield batched(batch, "clip", some(self.frames[-1], "frame"))
+        seconds = numbers(self.base.frame_time)
+        if self.times is None and seconds is not None:
+            yield from timing(self.frames[-1], seconds / 2**self.levels)
+        yield f"{some(self.levels, 'level')} over a base of {coarse}"
+        yield from self.base.skeleton._figure()
+        yield kept_as(self.base.rotations)
 
     @property
     def levels(self) -> int:

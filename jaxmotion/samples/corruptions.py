@@ -11,7 +11,8 @@ Every corruption, here and in :mod:`jaxmotion.samples.joint_errors`, takes a
 mask leaves out is bit-identical. Radians; lengths in the motion's unit. O(T·J).
 """
 
-import equinox as eqx
+from collections.abc import Iterator
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,13 +21,14 @@ from jaxtyping import Array, Bool, PRNGKeyArray, UInt32
 from jaxmotion import quaternion
 from jaxmotion._checks import one_number, require
 from jaxmotion._file_facts import compiled
+from jaxmotion._portable import Portable
 from jaxmotion._types import ScalarLike
 from jaxmotion.motion import Motion
 
 Key = PRNGKeyArray | UInt32[Array, "2"]
 
 
-class Corrupted(eqx.Module):
+class Corrupted(Portable):
     """A damaged clip and what was damaged.
 
     **Fields:** ``motion``: the damaged clip, T frames; ``mask``: bool[T, J], True where it was
@@ -35,6 +37,9 @@ class Corrupted(eqx.Module):
 
     motion: Motion
     mask: Bool[Array, "time joint"]
+
+    def _words(self) -> Iterator[str]:
+        return self.motion._words()
 
 
 def add_noise(

@@ -13,6 +13,8 @@ constant, just enough for legs of at most 0.995 of their full length; smoothness
 All in numpy float64; one compiled call turns the matrices into quaternions. Metres, radians. O(T).
 """
 
+from collections.abc import Iterator
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -20,6 +22,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxmotion import quaternion
+from jaxmotion._portable import Portable
+from jaxmotion._summary import some
 from jaxmotion._types import AnyArray, Scalar
 from jaxmotion.motion import Motion
 from jaxmotion.samples.footsteps import FootPath
@@ -32,7 +36,7 @@ Number = float | int
 _FULL_REACH = 0.995
 
 
-class Sample(eqx.Module):
+class Sample(Portable):
     """A synthetic clip and where its feet truly touch the floor.
 
     **Fields:** ``motion``: the clean :class:`~jaxmotion.Motion`, T frames, in metres; ``contacts``:
@@ -50,6 +54,10 @@ class Sample(eqx.Module):
     contact_joints: tuple[int, ...] = eqx.field(static=True)
     contact_names: tuple[str, ...] = eqx.field(static=True)
     floor: Scalar
+
+    def _words(self) -> Iterator[str]:
+        yield from self.motion._words()
+        yield some(len(self.contact_names), "contact point")
 
     def clear(self, distance: float = 0.01) -> Bool[AnyArray, "time point"]:
         """Where a detector may be judged: planted, or at least ``distance`` above the floor.

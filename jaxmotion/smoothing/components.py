@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from jaxmotion import quaternion
 from jaxmotion._numerics import safe_norm
-from jaxmotion._types import ArrayLike
+from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.frames.runs import held
 
 Coordinates: TypeAlias = Literal["chordal", "rotvec"]
@@ -22,8 +22,8 @@ Signs: TypeAlias = Literal["nearest", "input", "min_energy"]
 
 
 def to_components(
-    q: Array,
-    weights: Array | None,
+    q: AnyArray,
+    weights: AnyArray | None,
     index: ArrayLike | None = None,
     method: Coordinates = "chordal",
     signs: Signs = "nearest",
@@ -45,12 +45,12 @@ def from_components(x: Array, method: Coordinates = "chordal") -> Array:
     return quaternion.normalize(jnp.where(cancelled, 0, x))
 
 
-def per_component(weights: Array, q: Array) -> Array:
+def per_component(weights: AnyArray, q: AnyArray) -> Array:
     """Weights (Nd,) or (Nd, ...) with unit axes up to q's rank."""
     return weights.reshape(weights.shape + (1,) * (q.ndim - weights.ndim))
 
 
-def _signed_in_time(q: Array, index: ArrayLike | None, signs: Signs) -> Array:
+def _signed_in_time(q: AnyArray, index: ArrayLike | None, signs: Signs) -> Array:
     least = signs == "min_energy"
     if index is None:
         return quaternion.least_energy_signs(q) if least else quaternion.align_signs(q)

@@ -28,6 +28,7 @@ solved from normal equations, so digits go as (lam sigma)^2: float32 serves up t
 """
 
 import functools
+from collections.abc import Iterator
 from typing import Literal
 
 import equinox as eqx
@@ -41,6 +42,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxmotion import quaternion
 from jaxmotion._checks import Fault, fault, known, one_of, raise_faults
 from jaxmotion._portable import Portable
+from jaxmotion._summary import brief, per_frame
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion, ScalarLike
 from jaxmotion.linalg.block_banded import (
     BlockBandedFactor,
@@ -63,7 +65,7 @@ _MAX_STEPS = 256
 _UNIT = 1e-3  # how far from 1 a norm may be
 
 
-class _Problem(eqx.Module):
+class _Problem(Portable):
     """The cost times sigma^2 of every joint, in turns d of the frames around ``start``."""
 
     start: Float[Array, "frames joints 4"]
@@ -167,6 +169,10 @@ class GeodesicPosterior(Portable):
     num_steps: Int[Array, ""]
     result: optimistix.RESULTS
     _problem: _Problem
+
+    def _words(self) -> Iterator[str]:
+        yield per_frame(self.mean)
+        yield f"num_steps={brief(self.num_steps)}"
 
     @property
     def converged(self) -> Bool[Array, ""]:

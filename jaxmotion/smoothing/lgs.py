@@ -38,6 +38,7 @@ Float32 extrapolation loses digits as the square of (frames beyond the data / sp
 """
 
 import math
+from collections.abc import Iterator
 from functools import partial
 
 import equinox as eqx
@@ -48,6 +49,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from jaxmotion._checks import Fault, known, one_of, raise_faults, require, traced
 from jaxmotion._portable import Portable
+from jaxmotion._summary import per_frame
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg import (
     DifferenceChain,
@@ -82,6 +84,10 @@ class Posterior(Portable):
     _order: int = eqx.field(static=True)
     _shared: bool = eqx.field(static=True)
     _parallel: bool = eqx.field(static=True)
+
+    def _words(self) -> Iterator[str]:
+        yield per_frame(self.mean)
+        yield f"order {self._order}"
 
     @property
     def variance(self) -> Array:

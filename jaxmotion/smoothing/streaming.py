@@ -28,6 +28,8 @@ Source: the information filter and fixed-lag smoother of an integrated random wa
 Moore, *Optimal Filtering*, 1979, ch. 7).
 """
 
+from collections.abc import Iterator
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -37,6 +39,8 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxmotion import quaternion
 from jaxmotion._checks import known, one_of, require
 from jaxmotion._numerics import safe_norm
+from jaxmotion._portable import Portable
+from jaxmotion._summary import brief
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg.difference_chain import (
     Information,
@@ -47,7 +51,7 @@ from jaxmotion.linalg.difference_chain import (
 )
 
 
-class StreamState(eqx.Module):
+class StreamState(Portable):
     """What a stream remembers; ``(*k)`` is the shape of lam, sigma and the weights together.
 
     **Fields:**
@@ -73,8 +77,13 @@ class StreamState(eqx.Module):
     reference: Float[Array, "*channels"]
     frame: Int[Array, ""]
 
+    def _words(self) -> Iterator[str]:
+        yield f"frame={brief(self.frame)}"
+        yield f"each {brief(self.reference)}"
+        yield f"lag {self.offset.shape[0] - 1}"
 
-class StreamingSmoother(eqx.Module):
+
+class StreamingSmoother(Portable):
     """The LGS of a stream, ``lag`` frames late: pure ``init``, ``step`` and ``flush``.
 
     Differentiable in lam, sigma and the frames. O(lag) a frame.
@@ -119,8 +128,11 @@ class StreamingSmoother(eqx.Module):
         self.lag, self.scale, self.rotations = lag, scale, rotations
 
     # By identity: scan keeps functions by their hash, and arrays have none.
-    __hash__ = object.__hash__
-    __eq__ = object.__eq__
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+    def __hash__(self) -> int:
+        return id(self)
 
     def init(self, frame: ArrayLike, weight: ArrayLike = 1.0) -> StreamState:
         """State before the first frame.

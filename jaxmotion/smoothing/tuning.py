@@ -22,6 +22,7 @@ names the choice of λ as future work.
 """
 
 import math
+from collections.abc import Iterator
 from typing import Literal, TypeAlias
 
 import equinox as eqx
@@ -32,7 +33,8 @@ from jaxtyping import Array, Float
 
 from jaxmotion._checks import one_of
 from jaxmotion._portable import Portable
-from jaxmotion._types import ArrayLike
+from jaxmotion._summary import brief
+from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
 from jaxmotion.smoothing.design import check_known
@@ -72,6 +74,10 @@ class MotionTuning(Portable):
 
     rotations: Tuning
     translations: Tuning
+
+    def _words(self) -> Iterator[str]:
+        for name, learned in (("rotations", self.rotations), ("translations", self.translations)):
+            yield f"{name} λ={brief(learned.lam)} σ={brief(learned.sigma)}"
 
 
 def tune(
@@ -131,7 +137,7 @@ def _tune_motion(motion: Motion, weights: ArrayLike | None, options: dict) -> Mo
 
 
 def tune_signal(
-    y: Float[Array, "data *channels"],
+    y: Float[AnyArray, "data *channels"],
     *,
     criterion: Criterion = "evidence",
     per: Per = "joint",

@@ -31,7 +31,7 @@ of reach, or that contradict each other, get the compromise of least squares, wh
 ``report.position_error`` shows. Contacts are held while ``mask`` is set; ``ramp`` lies outside.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Literal
 
 import equinox as eqx
@@ -44,6 +44,7 @@ from jaxmotion._checks import counted, one_of, poisoned, raise_faults
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._room import Room, room_for
+from jaxmotion._summary import brief, some
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.contacts import ContactPoints, Contacts
 from jaxmotion.contacts.contact import over_time
@@ -67,7 +68,7 @@ _FIRM = 1e4
 _STEPS = {"gauss_newton": 64, "hierarchical": 0, "bounds": 2000}
 
 
-class Weights(eqx.Module):
+class Weights(Portable):
     """What counts how much; numbers or traced scalars, not negative, ``size`` and
     ``bend`` positive.
 
@@ -109,6 +110,14 @@ class Report(Portable):
     cost: Float[Array, ""]
     num_steps: Int[Array, ""]
     converged: Bool[Array, ""]
+
+    def _words(self) -> Iterator[str]:
+        *_, frames, points = self.position_error.shape
+        yield some(frames, "frame")
+        yield some(points, "point")
+        yield f"cost {brief(self.cost_before)} to {brief(self.cost)}"
+        yield f"num_steps={brief(self.num_steps)}"
+        yield f"converged={brief(self.converged)}"
 
 
 def satisfy(

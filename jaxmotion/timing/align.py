@@ -17,6 +17,7 @@ O(T_x T_y J).
 A pairing is discrete: derivatives reach the copy through the poses that are read, not the times.
 """
 
+from collections.abc import Iterator
 from typing import Literal
 
 import equinox as eqx
@@ -29,7 +30,8 @@ from jaxmotion import quaternion
 from jaxmotion._checks import known, one_of, require
 from jaxmotion._numerics import safe_sqrt
 from jaxmotion._portable import Portable
-from jaxmotion._types import ScalarLike
+from jaxmotion._summary import brief
+from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.frames.count import frame_mask
 from jaxmotion.frames.padding import bucket_size, in_buckets
 from jaxmotion.linalg import banded_solve
@@ -53,6 +55,10 @@ class Alignment(Portable):
     path: Int[Array, "pair 2"]
     length: Int[Array, ""]
     distance: Float[Array, ""]
+
+    def _words(self) -> Iterator[str]:
+        yield from self.motion._words()
+        yield f"distance={brief(self.distance)}"
 
 
 def align(
@@ -113,7 +119,7 @@ def align(
     return Alignment(copy, at, path, length, distance)
 
 
-def _compared(source: Motion, reference: Motion) -> tuple[Array, Array]:
+def _compared(source: Motion, reference: Motion) -> tuple[AnyArray, AnyArray]:
     """Rotations of the joints of the same names, the root only if it is the only one."""
     if source.dtype != reference.dtype:
         raise ValueError(f"align: the source is {source.dtype}, the reference {reference.dtype}")
@@ -129,7 +135,7 @@ def _compared(source: Motion, reference: Motion) -> tuple[Array, Array]:
 
 
 @jax.jit
-def _channels(x: Array, y: Array) -> tuple[Array, ...]:
+def _channels(x: AnyArray, y: AnyArray) -> tuple[Array, ...]:
     """Quaternion components less their means, f[T, 4 J], without jumps, in one hemisphere."""
     x, y = quaternion.align_signs(x), quaternion.align_signs(y)
     agree = jnp.sum(jnp.mean(x, axis=0) * jnp.mean(y, axis=0), axis=-1, keepdims=True)

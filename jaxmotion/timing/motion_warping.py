@@ -30,6 +30,7 @@ Energies carry no derivative.
 """
 
 import math
+from collections.abc import Iterator
 from functools import partial
 
 import equinox as eqx
@@ -42,6 +43,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxmotion import quaternion
 from jaxmotion._checks import fault, known, raise_faults
 from jaxmotion._portable import Portable
+from jaxmotion._summary import brief, some
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.linalg.pair_walk import Symmetric, solve_walk
 from jaxmotion.timing.frame_distance import frame_distance
@@ -70,6 +72,12 @@ class MotionWarp(Portable):
     iterations: Int[Array, "..."]
     repeats: int = eqx.field(static=True)
     num_refined: int = eqx.field(static=True)
+
+    def _words(self) -> Iterator[str]:
+        yield f"{some(self.runs.shape[0], 'source frame')} on {self.num_refined} refined"
+        yield f"scale={brief(self.scale)}"
+        yield f"iterations={brief(self.iterations)}"
+        yield f"converged={brief(self.converged)}"
 
     @property
     def source_index(self) -> Int[Array, "refined ..."]:
