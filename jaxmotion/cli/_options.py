@@ -21,7 +21,7 @@ from typing import Any
 import click
 
 from jaxmotion._plain import in_words, irregular
-from jaxmotion.io.formats import SUFFIXES
+from jaxmotion.io.formats import SUFFIXES, unknown_suffix
 
 NOWHERE = Path(os.devnull)
 
@@ -71,6 +71,23 @@ class Selection:
     def everything(self) -> bool:
         """Whether the whole edit applies everywhere."""
         return self.strength == 1.0 and not self.joints and self.frames == (None, None)
+
+
+class Output(click.Path):
+    """A folder, or a file of a format that is written: what ends in another suffix was meant for a
+    file, unless it is there or ends in a slash. (A suffix has a letter: ``takes.2026`` is a name.)
+    """
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path."""
+        path = Path(super().convert(value, param, ctx))
+        is_folder = path.is_dir() or str(value).endswith(("/", os.sep))
+        has_suffix = any(map(str.isalpha, path.suffix))
+        known = path.suffix.lower() in SUFFIXES and self.file_okay
+        if has_suffix and not known and not is_folder:
+            what = unknown_suffix(path) if self.file_okay else f"{path}: expected a folder"
+            self.fail(f"{what} (the name of a folder may end with '/')", param, ctx)
+        return path
 
 
 class FrameRange(click.ParamType):
@@ -190,7 +207,7 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
         "-o",
         "--out",
         required=out_required,
-        type=click.Path(path_type=Path),
+        type=Output(),
         help="Output folder, which mirrors the inputs' tree; or the output file, for one input.",
     )
     @reading_options
