@@ -25,6 +25,10 @@ from jaxmotion.io.formats import SUFFIXES, unknown_suffix
 
 NOWHERE = Path(os.devnull)
 
+# Options that say how to go about it, not what comes out.
+_MANNERS = {"out", "overwrite", "resume", "dry-run", "jobs", "fail-fast", "report", "no-cache"}
+_MANNERS |= {"debug"}
+
 
 @dataclass(frozen=True)
 class Running:
@@ -216,8 +220,9 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
     @click.option(
         "--resume",
         is_flag=True,
-        help="Skip outputs that are newer than their inputs. What a killed run left half-written "
-        "is removed, with or without it.",
+        help="Skip outputs that are newer than their inputs and were made with the same options, "
+        "of which a folder of outputs keeps a record (.jaxmotion-made). What a killed run left "
+        "half-written is removed, with or without it.",
     )
     @click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop.")
     @click.option(
@@ -237,6 +242,13 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
         return function(*args, batch=batch, **values)
 
     return command
+
+
+def asked_for(ctx: click.Context) -> dict[str, Any]:
+    """The command and those of its options that change what it writes."""
+    options = {_flag(p): p for p in ctx.command.params if isinstance(p, click.Option)}
+    chosen = {flag: ctx.params[p.name] for flag, p in options.items() if p.name in ctx.params}
+    return {"command": ctx.info_name, **{f: chosen[f] for f in chosen if f not in _MANNERS}}
 
 
 def selection_options(function: Callable) -> Callable:
