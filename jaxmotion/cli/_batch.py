@@ -15,17 +15,18 @@ import click
 
 from jaxmotion._plain import irregular, printable
 from jaxmotion.cli import _files, _session
+from jaxmotion.cli._feet import find_feet
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Batch, Running, Selection, asked_for
 from jaxmotion.cli._progress import Progress
 from jaxmotion.cli._record import Record
 from jaxmotion.cli._terminal import say
-from jaxmotion.cli._work import Editing, Outcome, edit_file, guarded
+from jaxmotion.cli._work import Editing, Effect, Outcome, edit_file, guarded
 from jaxmotion.io.formats import files_of
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
-    from jaxmotion.metrics import Difference
+    from jaxmotion.contacts import Contacts
 
 
 def edit_files(
@@ -34,17 +35,15 @@ def edit_files(
     running: Running,
     selection: Selection,
     *,
-    to: str | None = None,
-    uses_up: bool = False,
+    keep: bool | None = None,
+    find: "Callable[[Motion, int], Contacts]" = find_feet,
 ) -> None:
     """Send every input through ``edit`` and leave with an exit code.
 
     **Arguments:** ``edit``: (motion, number of frames that count) to a motion of the same shape;
-    a function that can be pickled; ``to``: suffix of the outputs, by default the inputs' own;
-    ``uses_up``: whether it goes by the up axis.
+    a function that can be pickled; ``keep`` and ``find``: as :class:`Editing`.
     """
-    inputs = _files.expand(batch.files, avoid=batch.out)
-    jobs = _files.plan(inputs, batch.out, to=to)
+    jobs = _files.plan(_files.expand(batch.files, avoid=batch.out), batch.out)
     editing = Editing(
         edit,
         selection,
@@ -52,13 +51,14 @@ def edit_files(
         batch.out_up,
         batch.overwrite,
         measured=batch.report is not None,
-        uses_up=uses_up,
+        keep=keep,
+        find=find,
     )
     run(partial(edit_file, editing), jobs, batch, running)
 
 
 def run(
-    process: "Callable[[Job], Difference | str | None]",
+    process: "Callable[[Job], Effect | str | None]",
     jobs: Sequence[Job],
     batch: Batch,
     running: Running,

@@ -84,7 +84,7 @@ class Output(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path."""
-        path = Path(super().convert(value, param, ctx))
+        path = Path(str(super().convert(value, param, ctx)))
         is_folder = path.is_dir() or str(value).endswith(("/", os.sep))
         has_suffix = any(map(str.isalpha, path.suffix))
         known = path.suffix.lower() in SUFFIXES and self.file_okay
@@ -160,11 +160,12 @@ def files_argument(function: Callable) -> Callable:
 
 
 def keep_contacts_option(function: Callable) -> Callable:
-    """``--keep-contacts``."""
+    """``--keep-contacts``: ``None`` if nothing is said."""
     return click.option(
-        "--keep-contacts",
-        is_flag=True,
-        help="Feet that stood still before stand still after, in the same places.",
+        "--keep-contacts/--no-keep-contacts",
+        default=None,
+        help="Feet that stood still before stand still after, in the same places.  [default: where "
+        "they would slide visibly more than before]",
     )(function)
 
 

@@ -67,11 +67,12 @@ def line_about(outcome: Outcome) -> str:
     if outcome.status == "skipped":
         return f"{target}: skipped, {outcome.message}"
     text = f"{target}: {outcome.message or 'written'}"
-    if outcome.change is not None:
-        change = outcome.change
+    if outcome.effect is not None:
+        change, skate = outcome.effect.change, outcome.effect.skate
         text = f"{target}: {change.frames_changed} of {change.frames} frames changed"
         if change.frames_changed:
             text += f", by up to {_degrees(change.angle.value)} at {change.angle.joint}"
+        text += f"; {skate}" if skate is not None else ""
     return text
 
 

@@ -230,7 +230,7 @@ def test_results_that_are_not_finite_are_not_written(take, tmp_path):
     selection = _work.Selection(1.0, (), (None, None), 0)
     job = _batch.Job(take, tmp_path / "x.bvh")
     reading = _work.Reading(None, None)
-    editing = _work.Editing(spoil, selection, reading, None, False, False, False)
+    editing = _work.Editing(spoil, selection, reading)
     outcome = _work.guarded(lambda job: _work.edit_file(editing, job), job)
     assert outcome.status == "failed"
     assert "not finite, first at frame 0, joint 'Hips'" in outcome.message
