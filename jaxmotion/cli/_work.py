@@ -79,7 +79,7 @@ def guarded(process: "Callable[[Job], Effect | str | None]", job: Job) -> Outcom
             outcome.status = "failed"
             outcome.message = described(error)
             outcome.traceback = traceback.format_exc()
-    outcome.warnings = told(caught, job.target)
+    outcome.warnings = told(caught, job.target, job.source)
     outcome.seconds = time.perf_counter() - begun
     return outcome
 
@@ -135,6 +135,11 @@ def read(path: Path, reading: Reading, *, uses_up: bool = False) -> "Motion":
     if uses_up and (doubt := doubt_up(motion)):
         warnings.warn(f"{path}: {doubt}", jm.io.MotionFileWarning, stacklevel=2)
     return motion
+
+
+def duration(motion: "Motion") -> float:
+    """Seconds from the first frame to the last."""
+    return (motion.num_frames - 1) * float(motion.frame_time)
 
 
 def write(

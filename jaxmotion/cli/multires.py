@@ -100,8 +100,12 @@ def edit(
 
     from jaxmotion.multiresolution import build_pyramid, level_of_detail, scale_details
     from jaxmotion.multiresolution.cascade import level_sizes
-    from jaxmotion.multiresolution.pyramid import level_count
+    from jaxmotion.multiresolution.pyramid import DEEPEST, level_count
 
+    deepest = DEEPEST if levels is None else levels
+    if level is not None and level > deepest:
+        text = f"--level {level:g}: there are {_counted(deepest, 'level')} of detail"
+        raise ValueError(f"{text}; --levels makes more")
     wanted = len(gains) if gains is not None else levels
     most = len(level_sizes(length)) - 1
     number = level_count(length, wanted if wanted is None else min(wanted, most), "multires")

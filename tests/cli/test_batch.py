@@ -237,6 +237,14 @@ def test_results_that_are_not_finite_are_not_written(take, tmp_path):
     assert not job.target.exists()
 
 
+def test_a_warning_of_many_files_is_told_once_and_counted(jaxmotion, takes, tmp_path):
+    (takes / "broken.bvh").unlink()
+    result = jaxmotion("convert", takes, "-o", tmp_path / "out", "--to", "bvh", "--out-up", "z")
+    text = "z points up, which the file cannot say: read it with up= (--up)"
+    assert result.stderr.count(f"  warning: {text}") == 1
+    assert f"warning, of 2 files: {text}\n" in result.stderr
+
+
 def test_reports(jaxmotion, takes, tmp_path):
     report = tmp_path / "r.json"
     words = ("convert", takes, "--to", "npz", "--report")

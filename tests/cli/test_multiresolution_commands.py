@@ -89,6 +89,13 @@ def test_multires_usage(jaxmotion, take, tmp_path, words, message):
     assert not (tmp_path / "out.bvh").exists()
 
 
+def test_a_level_that_is_not_there_is_an_error(jaxmotion, take, tmp_path):
+    words = ("multires", take, "-o", tmp_path / "out.bvh", "--level", "40")
+    told = "there are 6 levels of detail; --levels makes more"
+    assert f"--level 40: {told}" in jaxmotion(*words, code=1).stderr
+    assert "there are 3 levels" in jaxmotion(*words, "--levels", "3", code=1).stderr
+
+
 def test_blend(jaxmotion, take, other, tmp_path):
     out = tmp_path / "o" / "out.npz"
     result = jaxmotion("blend", take, other, take, "-o", out)
