@@ -154,7 +154,7 @@ def _outcomes(
         from jaxmotion.cli._workers import side_by_side
 
         results = side_by_side(
-            process, ready, processes=batch.jobs, cache=running.cache, clear=clear
+            process, ready, processes=batch.jobs, cache=running.cache, clear=clear, notice=True
         )
     with Progress(len(early) + len(ready)) as progress, closing(results) as later:
         for outcome in chain(early, later):
