@@ -1,5 +1,6 @@
 """The table of commands, loaded one by one as needed, and how every run ends."""
 
+import difflib
 import importlib
 import pkgutil
 import sys
@@ -12,6 +13,8 @@ import click
 from jaxmotion import __version__, cli
 from jaxmotion._plain import in_words, printable
 from jaxmotion.cli._terminal import refusal, say, show, silence
+
+_STEM = 6  # letters that words of one stem share, as "exaggerate" and "exaggeration"
 
 
 class CommandTable(click.Group):
@@ -26,6 +29,28 @@ class CommandTable(click.Group):
         if cmd_name not in self.list_commands(ctx):
             return None
         return importlib.import_module(f"{cli.__name__}.{cmd_name}").command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """As click's, but a name that is no command's gets a suggestion."""
+        if self.get_command(ctx, args[0]) is None and not args[0].startswith("-"):
+            near = self._near(ctx, args[0])
+            hint = f"did you mean {' or '.join(near)}?" if near else "jaxmotion --help lists them"
+            raise click.UsageError(f"there is no command {args[0]!r}; {hint}", ctx)
+        return super().resolve_command(ctx, args)
+
+    def _near(self, ctx: click.Context, name: str) -> list[str]:
+        """Commands that are spelt alike, else those whose help speaks of it."""
+        commands = self.list_commands(ctx)
+        if alike := difflib.get_close_matches(name.lower(), commands, n=2):
+            return alike
+        stem, near = name.lower()[:_STEM], []
+        for other in commands:
+            command = self.get_command(ctx, other)
+            words = f"{command.short_help} {command.help}".lower().split() if command else []
+            near += [other] if any(word.startswith(stem) for word in words) else []
+        return near[:3]
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; trouble it did not foresee ends in one line, not in a traceback."""

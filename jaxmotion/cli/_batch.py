@@ -15,16 +15,18 @@ import click
 
 from jaxmotion._plain import irregular, printable
 from jaxmotion.cli import _files, _session
+from jaxmotion.cli._feet import find_feet
 from jaxmotion.cli._files import Job
-from jaxmotion.cli._options import Batch, Running, Selection
+from jaxmotion.cli._options import Batch, Running, Selection, asked_for
 from jaxmotion.cli._progress import Progress
+from jaxmotion.cli._record import Record
 from jaxmotion.cli._terminal import say
-from jaxmotion.cli._work import Editing, Outcome, edit_file, guarded
+from jaxmotion.cli._work import Editing, Effect, Outcome, edit_file, guarded
 from jaxmotion.io.formats import files_of
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
-    from jaxmotion.metrics import Difference
+    from jaxmotion.contacts import Contacts
 
 
 def edit_files(
@@ -33,17 +35,15 @@ def edit_files(
     running: Running,
     selection: Selection,
     *,
-    to: str | None = None,
-    uses_up: bool = False,
+    keep: bool | None = None,
+    find: "Callable[[Motion, int], Contacts]" = find_feet,
 ) -> None:
     """Send every input through ``edit`` and leave with an exit code.
 
     **Arguments:** ``edit``: (motion, number of frames that count) to a motion of the same shape;
-    a function that can be pickled; ``to``: suffix of the outputs, by default the inputs' own;
-    ``uses_up``: whether it goes by the up axis.
+    a function that can be pickled; ``keep`` and ``find``: as :class:`Editing`.
     """
-    inputs = _files.expand(batch.files, avoid=batch.out)
-    jobs = _files.plan(inputs, batch.out, to=to)
+    jobs = _files.plan(_files.expand(batch.files, avoid=batch.out), batch.out)
     editing = Editing(
         edit,
         selection,
@@ -51,13 +51,14 @@ def edit_files(
         batch.out_up,
         batch.overwrite,
         measured=batch.report is not None,
-        uses_up=uses_up,
+        keep=keep,
+        find=find,
     )
     run(partial(edit_file, editing), jobs, batch, running)
 
 
 def run(
-    process: "Callable[[Job], Difference | str | None]",
+    process: "Callable[[Job], Effect | str | None]",
     jobs: Sequence[Job],
     batch: Batch,
     running: Running,
@@ -72,7 +73,9 @@ def run(
     report = batch.report
     if report is not None and report.exists() and not (batch.overwrite or batch.resume):
         raise click.UsageError(f"{report} exists; add --overwrite")
-    early, ready = _sorted_out(jobs, batch, writes or files_of)
+    options = asked_for(click.get_current_context())
+    record = Record(options, spared=None if batch.resume else batch.out)
+    early, ready = _sorted_out(jobs, batch, writes or files_of, record)
     if batch.dry_run:
         for outcome in early:
             say(f"{_arrow(outcome.job)}: {outcome.message}")
@@ -83,7 +86,12 @@ def run(
     outputs = [path for job in jobs for path in (writes or files_of)(job.target)]
     clear = _files.clearing([*outputs, *([report] if report else [])])
     clear()
-    outcomes = _run_all(process, early, ready, batch, running, clear)
+    record.forget(job.target for job in ready)
+    outcomes = []
+    for outcome in _outcomes(process, early, ready, batch, running, clear):
+        outcomes.append(outcome)
+        if outcome.status == "written":
+            record.note(outcome.job.target)
     if report is not None:
         from jaxmotion.cli._report import write_report
 
@@ -97,20 +105,26 @@ def run(
 
 
 def _sorted_out(
-    jobs: Sequence[Job], batch: Batch, writes: Callable[[Path], Sequence[Path]]
+    jobs: Sequence[Job], batch: Batch, writes: Callable[[Path], Sequence[Path]], record: Record
 ) -> tuple[list[Outcome], list[Job]]:
     """Outcomes that are known before the work begins, and the jobs to do."""
     early, ready = [], []
     for job in jobs:
-        outputs = writes(job.target)
+        outputs, otherwise = writes(job.target), ""
         there = [path for path in outputs if path.exists()]
         if odd := [path for path in there if irregular(path)]:
             message = f"{printable(odd[0])} cannot be written: {irregular(odd[0])}, not a file"
             early.append(Outcome(job, "failed", message))
-        elif batch.resume and len(there) == len(outputs) and _are_newer(there, job.source):
-            early.append(Outcome(job, "skipped", "newer than its input"))
-        elif there and not batch.overwrite:
-            message = f"{printable(there[0])} exists; add --overwrite to replace it"
+            continue
+        if batch.resume and len(there) == len(outputs) and _are_newer(there, job.source):
+            otherwise = record.otherwise(job.target)
+            if not otherwise:
+                known = "" if record.knows(job.target) else "; its options are not on record"
+                early.append(Outcome(job, "skipped", f"newer than its input{known}"))
+                continue
+        if there and not batch.overwrite:
+            made = f"was made {otherwise}" if otherwise else "exists"
+            message = f"{printable(there[0])} {made}; add --overwrite to replace it"
             early.append(Outcome(job, "failed", message))
         else:
             ready.append(job)
@@ -125,32 +139,31 @@ def _are_newer(outputs: Sequence[Path], source: Path) -> bool:
         return False
 
 
-def _run_all(
+def _outcomes(
     process: Callable,
     early: list[Outcome],
     ready: list[Job],
     batch: Batch,
     running: Running,
     clear: Callable[[], None],
-) -> list[Outcome]:
-    outcomes: list[Outcome] = []
+) -> Generator[Outcome]:
+    """All of them as they come, told of on the way, up to the first failure if asked."""
     if batch.jobs == 1 or len(ready) <= 1:
         results = _one_by_one(process, ready, running)
     else:
         from jaxmotion.cli._workers import side_by_side
 
         results = side_by_side(
-            process, ready, processes=batch.jobs, cache=running.cache, clear=clear
+            process, ready, processes=batch.jobs, cache=running.cache, clear=clear, notice=True
         )
     with Progress(len(early) + len(ready)) as progress, closing(results) as later:
         for outcome in chain(early, later):
             progress.tell(outcome)
             if outcome.traceback and running.debug:
                 say(*outcome.traceback.splitlines(), err=True)
-            outcomes.append(outcome)
+            yield outcome
             if outcome.status == "failed" and batch.fail_fast:
                 break
-    return outcomes
 
 
 def _one_by_one(process: Callable, jobs: list[Job], running: Running) -> Generator[Outcome]:

@@ -84,7 +84,7 @@ def plan(inputs: Sequence[Input], out: Path, *, to: str | None = None) -> list[J
 
 def plan_folders(inputs: Sequence[Input], out: Path) -> list[Job]:
     """One output folder for every input: ``out`` itself for one, else below it by name."""
-    if out.is_file():
+    if out.is_file() or (out.suffix.lower() in SUFFIXES and not out.is_dir()):
         raise click.UsageError(f"-o {out} is a file; give a folder")
     if len(inputs) == 1 and inputs[0].named:
         return [Job(inputs[0].path, out)]

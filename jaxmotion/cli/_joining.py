@@ -45,11 +45,8 @@ def join(
     combine: "Callable[[list[Motion]], tuple[Motion, str]]",
     sources: Sequence[Path],
     joining: Joining,
-    *,
-    uses_up: bool,
 ) -> None:
-    """Read ``sources``, ``combine`` them, which also says what was done, and write the result;
-    ``uses_up``: as :func:`~jaxmotion.cli._work.read`."""
+    """Read ``sources``, ``combine`` them, which also says what was done, and write the result."""
     from jaxmotion.cli import _files, _session
 
     out = joining.out
@@ -62,7 +59,7 @@ def join(
     from jaxmotion.cli._work import finite, write
 
     with warned():
-        motion, summary = combine(read_clips(sources, joining.reading, uses_up=uses_up))
+        motion, summary = combine(read_clips(sources, joining.reading, uses_up=True))
         write(finite(motion), out, overwrite=joining.overwrite, up=joining.out_up)
     say(f"{out}: {summary}", err=True)
 

@@ -21,9 +21,13 @@ from typing import Any
 import click
 
 from jaxmotion._plain import in_words, irregular
-from jaxmotion.io.formats import SUFFIXES
+from jaxmotion.io.formats import SUFFIXES, unknown_suffix
 
 NOWHERE = Path(os.devnull)
+
+# Options that say how to go about it, not what comes out.
+_MANNERS = {"out", "overwrite", "resume", "dry-run", "jobs", "fail-fast", "report", "no-cache"}
+_MANNERS |= {"debug"}
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,23 @@ class Selection:
     def everything(self) -> bool:
         """Whether the whole edit applies everywhere."""
         return self.strength == 1.0 and not self.joints and self.frames == (None, None)
+
+
+class Output(click.Path):
+    """A folder, or a file of a format that is written: what ends in another suffix was meant for a
+    file, unless it is there or ends in a slash. (A suffix has a letter: ``takes.2026`` is a name.)
+    """
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path."""
+        path = Path(str(super().convert(value, param, ctx)))
+        is_folder = path.is_dir() or str(value).endswith(("/", os.sep))
+        has_suffix = any(map(str.isalpha, path.suffix))
+        known = path.suffix.lower() in SUFFIXES and self.file_okay
+        if has_suffix and not known and not is_folder:
+            what = unknown_suffix(path) if self.file_okay else f"{path}: expected a folder"
+            self.fail(f"{what} (the name of a folder may end with '/')", param, ctx)
+        return path
 
 
 class FrameRange(click.ParamType):
@@ -139,11 +160,12 @@ def files_argument(function: Callable) -> Callable:
 
 
 def keep_contacts_option(function: Callable) -> Callable:
-    """``--keep-contacts``."""
+    """``--keep-contacts``: ``None`` if nothing is said."""
     return click.option(
-        "--keep-contacts",
-        is_flag=True,
-        help="Feet that stood still before stand still after, in the same places.",
+        "--keep-contacts/--no-keep-contacts",
+        default=None,
+        help="Feet that stood still before stand still after, in the same places.  [default: where "
+        "they would slide visibly more than before]",
     )(function)
 
 
@@ -190,7 +212,7 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
         "-o",
         "--out",
         required=out_required,
-        type=click.Path(path_type=Path),
+        type=Output(),
         help="Output folder, which mirrors the inputs' tree; or the output file, for one input.",
     )
     @reading_options
@@ -199,8 +221,9 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
     @click.option(
         "--resume",
         is_flag=True,
-        help="Skip outputs that are newer than their inputs. What a killed run left half-written "
-        "is removed, with or without it.",
+        help="Skip outputs that are newer than their inputs and were made with the same options, "
+        "of which a folder of outputs keeps a record (.jaxmotion-made). What a killed run left "
+        "half-written is removed, with or without it.",
     )
     @click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop.")
     @click.option(
@@ -220,6 +243,13 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
         return function(*args, batch=batch, **values)
 
     return command
+
+
+def asked_for(ctx: click.Context) -> dict[str, Any]:
+    """The command and those of its options that change what it writes."""
+    options = {_flag(p): p for p in ctx.command.params if isinstance(p, click.Option)}
+    chosen = {flag: ctx.params[p.name] for flag, p in options.items() if p.name in ctx.params}
+    return {"command": ctx.info_name, **{f: chosen[f] for f in chosen if f not in _MANNERS}}
 
 
 def selection_options(function: Callable) -> Callable:

@@ -3,6 +3,7 @@
 import os
 import sys
 import time
+from collections import Counter
 from contextlib import ExitStack
 
 from jaxmotion._plain import printable
@@ -20,6 +21,7 @@ class Progress:
         self._total = total
         self._done = 0
         self._begun = time.perf_counter()
+        self._warned: Counter[str] = Counter()
         self._bar = None
         self._cleanup = ExitStack()
         if total > 1 and sys.stderr.isatty():
@@ -41,11 +43,17 @@ class Progress:
 
     def __exit__(self, *_) -> None:
         self._cleanup.close()
+        for text, count in self._warned.items():
+            if count > 1:
+                say(f"warning, of {count} files: {text}", err=True)
 
     def tell(self, outcome: Outcome) -> None:
         """Show one outcome."""
         self._done += 1
-        lines = [line_about(outcome), *(f"  warning: {text}" for text in outcome.warnings)]
+        lines = [line_about(outcome)]
+        for text in outcome.warnings:  # each in full once, and at the end how often it came
+            lines += [] if text in self._warned else [f"  warning: {text}"]
+            self._warned[text] += 1
         if self._bar is not None:
             for line in lines:
                 self._bar.console.print(printable(line), soft_wrap=True)
@@ -67,11 +75,12 @@ def line_about(outcome: Outcome) -> str:
     if outcome.status == "skipped":
         return f"{target}: skipped, {outcome.message}"
     text = f"{target}: {outcome.message or 'written'}"
-    if outcome.change is not None:
-        change = outcome.change
+    if outcome.effect is not None:
+        change, skate = outcome.effect.change, outcome.effect.skate
         text = f"{target}: {change.frames_changed} of {change.frames} frames changed"
         if change.frames_changed:
             text += f", by up to {_degrees(change.angle.value)} at {change.angle.joint}"
+        text += f"; {skate}" if skate is not None else ""
     return text
 
 

@@ -1,7 +1,7 @@
 """What changed in every file, as JSON or as a page of HTML that needs nothing else.
 
 A figure is one row of ``_FIGURES``: its key in the JSON, its heading, its value of a
-:class:`~jaxmotion.metrics.Difference`.
+:class:`~jaxmotion.cli._work.Effect`.
 """
 
 import html
@@ -12,16 +12,23 @@ from typing import TYPE_CHECKING, Any
 
 from jaxmotion import __version__
 from jaxmotion._plain import as_json, printable
-from jaxmotion.cli._work import Outcome
+from jaxmotion.cli._work import Effect, Outcome
 
 if TYPE_CHECKING:
-    from jaxmotion.metrics import Difference, Peak
+    from jaxmotion.metrics import Peak
 
-_FIGURES: "tuple[tuple[str, str, Callable[[Difference], Any]], ...]" = (
-    ("frames", "frames", lambda d: d.frames),
-    ("frames_changed", "frames changed", lambda d: d.frames_changed),
-    ("max_degrees", "largest turn, degrees", lambda d: _peak(d.angle, math.degrees(1))),
-    ("max_distance", "largest move, length units", lambda d: d.distance and _peak(d.distance)),
+_FIGURES: tuple[tuple[str, str, Callable[[Effect], Any]], ...] = (
+    ("frames", "frames", lambda e: e.change.frames),
+    ("frames_changed", "frames changed", lambda e: e.change.frames_changed),
+    ("max_degrees", "largest turn, degrees", lambda e: _peak(e.change.angle, math.degrees(1))),
+    (
+        "max_distance",
+        "largest move, length units",
+        lambda e: e.change.distance and _peak(e.change.distance),
+    ),
+    ("skate_before", "feet slid, length units a second", lambda e: e.skate and e.skate.before),
+    ("skate_after", "feet slide now", lambda e: e.skate and e.skate.after),
+    ("contacts_kept", "contacts kept", lambda e: e.skate and e.skate.kept),
 )
 
 
@@ -48,8 +55,8 @@ def _row(outcome: Outcome) -> dict[str, Any]:
         "warnings": outcome.warnings,
         "seconds": round(outcome.seconds, 3),
     }
-    if outcome.change is not None:
-        row |= {key: value(outcome.change) for key, _, value in _FIGURES}
+    if outcome.effect is not None:
+        row |= {key: value(outcome.effect) for key, _, value in _FIGURES}
     return row
 
 
@@ -93,8 +100,11 @@ def _cell(value: Any, notes: Sequence[str] = ()) -> str:
     if isinstance(value, dict):
         place = _escaped(f"frame {value['frame']}, {value['joint']}")
         return f'<td class="number">{value["value"]:.4g}<small>{place}</small></td>'
+    if isinstance(value, bool):
+        value = "yes" if value else "no"
     if isinstance(value, (int, float)):
-        return f'<td class="number">{value}{small}</td>'
+        text = f"{value:.4g}" if isinstance(value, float) else value
+        return f'<td class="number">{text}{small}</td>'
     return f"<td>{_escaped(value) if value is not None else ''}{small}</td>"
 
 

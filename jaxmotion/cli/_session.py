@@ -77,15 +77,22 @@ def _generate_plain_code() -> None:
 
 class _CompilingNotice:
     """Says once that compiling takes a while. JAX reports when lowering ends, which is when
-    compiling (or reading the cache) begins, and when that ends."""
+    compiling or reading the cache begins, and when that ends. Which of the two it was, it reports
+    when a program has been written to the cache: until one has, nothing is said to be compiled,
+    for reading a large program takes a while as well."""
 
     def __init__(self, *, kept: bool):
         from jax import monitoring
 
         self._kept = kept
+        self._compiles = not kept
         self._told = False
         self._timer: threading.Timer | None = None
+        monitoring.register_event_listener(self._on_miss)
         monitoring.register_event_duration_secs_listener(self._on_event)
+
+    def _on_miss(self, event: str, **kwargs: str | int) -> None:
+        self._compiles |= event.endswith("compilation_cache/cache_misses")
 
     def _on_event(self, event: str, duration_secs: float, **kwargs: str | int) -> None:
         if event.endswith("jaxpr_to_mlir_module_duration") and not self._told:
@@ -102,6 +109,6 @@ class _CompilingNotice:
             self._timer = None
 
     def _tell(self) -> None:
-        self._told = True
-        again = " (first run only)" if self._kept else ""
-        say(f"compiling{again} ...", err=True)
+        if self._compiles:
+            self._told = True
+            say(f"compiling{' (kept for the next run)' if self._kept else ''} ...", err=True)

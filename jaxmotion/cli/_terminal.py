@@ -16,6 +16,10 @@ import click
 from jaxmotion._plain import as_json, in_words, printable
 
 
+class Notice(UserWarning):
+    """What a command has to say of a motion besides its result; told with the file's name."""
+
+
 def make_ready() -> None:
     """Give the process the three streams that it may have been started without: the next file it
     opens would take the place, and get what was meant for a terminal."""

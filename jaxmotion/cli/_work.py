@@ -8,17 +8,20 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jaxmotion._plain import printable
 from jaxmotion.cli._app import described
+from jaxmotion.cli._feet import Skate, find_feet, with_contacts
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Reading, Selection
+from jaxmotion.cli._terminal import Notice
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
+    from jaxmotion.contacts import Contacts
     from jaxmotion.metrics import Difference
 
 
@@ -31,27 +34,36 @@ class Outcome:
     message: str = ""
     warnings: list[str] = field(default_factory=list)
     seconds: float = 0.0
-    change: "Difference | None" = None
+    effect: "Effect | None" = None
     traceback: str = ""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What an edit did to a motion: ``skate``, to its feet; ``None`` if none touch."""
+
+    change: "Difference"
+    skate: Skate | None
 
 
 @dataclass(frozen=True)
 class Editing:
     """What :func:`edit_file` does to every file: ``edit(motion, length)`` returns a motion of the
-    same shape; ``measured`` asks for changes in world positions as well; ``uses_up``: the edit goes
-    by the up axis."""
+    same shape; ``keep``: whether contacts are kept, ``None`` where the feet would slide more;
+    ``find(motion, length)`` finds them; ``measured`` asks for changes in world positions."""
 
     edit: "Callable[[Motion, int], Motion]"
     selection: Selection
     reading: Reading
-    out_up: str | None
-    overwrite: bool
-    measured: bool
-    uses_up: bool
+    out_up: str | None = None
+    overwrite: bool = False
+    measured: bool = False
+    keep: bool | None = None
+    find: "Callable[[Motion, int], Contacts]" = find_feet
 
 
-def guarded(process: "Callable[[Job], Difference | str | None]", job: Job) -> Outcome:
-    """Run ``process`` on a job; what it returns is the change or a message, and whatever goes wrong
+def guarded(process: "Callable[[Job], Effect | str | None]", job: Job) -> Outcome:
+    """Run ``process`` on a job; what it returns is the effect or a message, and whatever goes wrong
     becomes a failed outcome."""
     begun = time.perf_counter()
     outcome = Outcome(job, "written")
@@ -62,18 +74,14 @@ def guarded(process: "Callable[[Job], Difference | str | None]", job: Job) -> Ou
             if isinstance(result, str):
                 outcome.message = result
             else:
-                outcome.change = result
+                outcome.effect = result
         except Exception as error:
             outcome.status = "failed"
             outcome.message = described(error)
             outcome.traceback = traceback.format_exc()
-    outcome.warnings = told(caught, job.target)
+    outcome.warnings = told(caught, job.target, job.source)
     outcome.seconds = time.perf_counter() - begun
     return outcome
-
-
-class Notice(UserWarning):
-    """What an edit has to say of a motion besides its result; told with the file's name."""
 
 
 def told(caught: list[warnings.WarningMessage], *paths: Path) -> list[str]:
@@ -89,19 +97,21 @@ def told(caught: list[warnings.WarningMessage], *paths: Path) -> list[str]:
     return texts
 
 
-def edit_file(editing: Editing, job: Job) -> "Difference | None":
+def edit_file(editing: Editing, job: Job) -> Effect:
     """Read the job's source, edit it and write its target."""
     from jaxmotion import metrics
 
-    motion = read(job.source, editing.reading, uses_up=editing.uses_up)
+    motion = read(job.source, editing.reading, uses_up=True)
     padded, length = pad(motion)
-    edited = editing.edit(padded, length)
-    if not editing.selection.everything:
-        edited = confined(padded, edited, length, editing.selection)
-    edited = finite(unpadded(edited, length))
-    change = metrics.difference(motion, edited, world=editing.measured)
-    write(edited, job.target, overwrite=editing.overwrite, up=editing.out_up)
-    return change
+    selection = editing.selection
+    edited = confined(padded, editing.edit(padded, length), length, selection)
+    kept, skate = with_contacts(padded, edited, length, editing.keep, editing.find)
+    # What restores contacts stays in the selection too, at its full strength.
+    kept = confined(edited, kept, length, replace(selection, strength=1.0))
+    result = finite(unpadded(kept, length))
+    change = metrics.difference(motion, result, world=editing.measured)
+    write(result, job.target, overwrite=editing.overwrite, up=editing.out_up)
+    return Effect(change, skate)
 
 
 def finite(motion: "Motion") -> "Motion":
@@ -125,6 +135,11 @@ def read(path: Path, reading: Reading, *, uses_up: bool = False) -> "Motion":
     if uses_up and (doubt := doubt_up(motion)):
         warnings.warn(f"{path}: {doubt}", jm.io.MotionFileWarning, stacklevel=2)
     return motion
+
+
+def duration(motion: "Motion") -> float:
+    """Seconds from the first frame to the last."""
+    return (motion.num_frames - 1) * float(motion.frame_time)
 
 
 def write(
@@ -157,6 +172,8 @@ def unpadded(motion: "Motion", length: int) -> "Motion":
 
 def confined(original: "Motion", edited: "Motion", length: int, selection: Selection) -> "Motion":
     """The edit where it was asked for; both clips padded."""
+    if selection.everything or edited is original:
+        return edited
     import numpy as np
 
     from jaxmotion.confine import confine, selection_weights

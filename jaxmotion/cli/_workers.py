@@ -21,12 +21,19 @@ _PATIENCE = 5.0  # seconds that a worker may take to end
 
 
 def side_by_side(
-    process: Callable, jobs: Sequence[Job], *, processes: int, cache: bool, clear: Callable
+    process: Callable,
+    jobs: Sequence[Job],
+    *,
+    processes: int,
+    cache: bool,
+    clear: Callable,
+    notice: bool = False,
 ) -> Generator[Outcome]:
     """Outcomes of ``process`` on every job, as they come.
 
     **Arguments:** ``process``: a function that can be pickled; ``processes``: how many at a time;
-    ``clear``: called after workers have died over their work, to take away what they left.
+    ``clear``: called after workers have died over their work, to take away what they left;
+    ``notice``: whether the first says when compiling takes a while.
     """
     count = min(processes, len(jobs))
     settings = (process, cache, _session.is_little(job.source for job in jobs), count)
@@ -47,7 +54,8 @@ def side_by_side(
         try:
             while waiting or busy:
                 while waiting and len(busy) < count:
-                    pipe, worker = idle.pop() if idle else _started(settings)
+                    first = notice and not (busy or idle)
+                    pipe, worker = idle.pop() if idle else _started((*settings, first))
                     job = waiting.popleft()
                     busy[pipe] = worker, job
                     _send(pipe, job)
@@ -100,11 +108,13 @@ def _death(worker: BaseProcess) -> str:
     return f"its process died (signal {-code})" if code < 0 else f"its process died (code {code})"
 
 
-def _serve(pipe: Connection, process: Callable, cache: bool, little: bool, share: int) -> None:
+def _serve(
+    pipe: Connection, process: Callable, cache: bool, little: bool, share: int, notice: bool
+) -> None:
     """A worker's life."""
     _leaving.with_parent()
     prepare = functools.cache(
-        functools.partial(_session.start, cache=cache, little=little, notice=False, share=share)
+        functools.partial(_session.start, cache=cache, little=little, notice=notice, share=share)
     )
 
     def prepared(job: Job):

@@ -19,6 +19,7 @@ from jaxmotion.cli._joining import (
 from jaxmotion.cli._terminal import say
 
 if TYPE_CHECKING:
+    from jaxmotion import Motion
     from jaxmotion.timing import Alignment
 
 _PLOTS = (".png", ".svg", ".pdf")
@@ -56,6 +57,11 @@ def _plot_suffix(ctx: click.Context, param: click.Parameter, value: Path | None)
     show_default=True,
     help="Frames over which the new timing is smoothed.",
 )
+@click.option(
+    "--few-joints",
+    is_flag=True,
+    help="Go on if less than half of the joints have one of the same name in the other clip.",
+)
 @click.option("--path", type=a_file(), help="Write the pairs of frames to this .json file.")
 @click.option(
     "--plot",
@@ -70,6 +76,7 @@ def command(
     method: Literal["dtw", "warping"],
     steps: str,
     settle: float,
+    few_joints: bool,
     path: Path | None,
     plot: Path | None,
     joining: Joining,
@@ -103,13 +110,29 @@ def command(
 
     with warned():
         clips = read_clips([source, reference], joining.reading)
+        compared = _compared(*clips, few=few_joints)
         found = align(*clips, method=method, step_pattern=steps, settle=settle)
         write(finite(found.motion), out, overwrite=overwrite, up=joining.out_up)
     if path is not None:
         _write_path(found, path, source, reference, method, overwrite=overwrite)
     if plot is not None:
         _write_plot(found, plot, source, reference, overwrite=overwrite)
-    say(f"{out}: {_summary(found)}", err=True)
+    say(f"{out}: {_summary(found)}; {compared}", err=True)
+
+
+def _compared(source: "Motion", reference: "Motion", *, few: bool) -> str:
+    """How many joints are compared, of the skeleton that has fewer; refused below half of them,
+    unless ``few``."""
+    from jaxmotion.timing.align import compared_joints
+
+    count = len(compared_joints(source.skeleton, reference.skeleton))
+    # The root is not compared, unless it is all there is.
+    joints = max(1, min(source.num_joints, reference.num_joints) - 1)
+    text = f"{count} of {joints} joints compared"
+    if not few and 0 < 2 * count < joints:
+        text = f"only {count} of {joints} joints have one of the same name in the other clip"
+        raise click.ClickException(f"{text}; --few-joints aligns by those")
+    return text
 
 
 def _require_matplotlib() -> None:

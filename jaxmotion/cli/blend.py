@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from jaxmotion.cli._feet import with_contacts
 from jaxmotion.cli._joining import Joining, a_file, join, joining_options
 from jaxmotion.cli._options import keep_contacts_option
 
@@ -26,7 +27,7 @@ def command(
     first: Path,
     second: Path,
     levels: int | None,
-    keep_contacts: bool,
+    keep_contacts: bool | None,
     joining: Joining,
 ) -> None:
     """Write SECOND with what FIRST has and REFERENCE lacks: of a walk, a limp and a turn, a
@@ -48,8 +49,9 @@ def command(
             raise click.ClickException(
                 f"the clips have {numbers} frames; jaxmotion align gives one the timing of another"
             )
-        motion = blend(*clips, levels=levels, keep_contacts=keep_contacts)
-        return motion, f"{motion.num_frames} frames"
+        mixed, frames = blend(*clips, levels=levels), clips[0].num_frames
+        motion, skate = with_contacts(clips[-1], mixed, frames, keep_contacts)
+        return motion, f"{frames} frames" + (f"; {skate}" if skate else "")
 
     sources = [reference, first, second]
-    join(combine, sources, joining, uses_up=keep_contacts)
+    join(combine, sources, joining)

@@ -62,6 +62,7 @@ def command(
         raise click.UsageError(f"--ignore {sorted(unknown)[0]}: the kinds are {', '.join(kinds)}")
     found = []
     bad = 0
+    places: dict[tuple[bool, str], list[Path]] = {}
     for item in each(files, reading, running, complain=False):
         problems = [Problem("repaired", text) for text in item.warnings]
         if item.motion is None:
@@ -70,6 +71,8 @@ def command(
             problems += find_problems(item.motion)
         problems = [p for p in problems if p.kind not in ignore]
         bad += any(p.serious or strict for p in problems)
+        for problem in problems:
+            places.setdefault((not problem.serious, problem.kind), []).append(item.path)
         entries = [{**asdict(p), "serious": p.serious} for p in problems]
         found.append({"file": str(item.path), "problems": entries})
         if not as_json:
@@ -77,8 +80,19 @@ def command(
     if as_json:
         say_json(found)
     elif len(found) > 1:
-        say(f"{bad} of {len(found)} files have problems.", err=True)
+        say(f"{bad} of {len(found)} files have problems.", *_by_kind(places), err=True)
     raise click.exceptions.Exit(3 if bad else 0)
+
+
+def _by_kind(places: dict[tuple[bool, str], list[Path]]) -> list[str]:
+    """A line a kind of finding, notes last: how many there are, and in which files."""
+    lines = []
+    for (note, kind), paths in sorted(places.items()):
+        files = [printable(path) for path in dict.fromkeys(paths)]
+        more = f" and {len(files) - _SHOWN} more" if len(files) > _SHOWN else ""
+        label = f"{kind} (note)" if note else kind
+        lines.append(f"  {label:<13} {len(paths)} in {', '.join(files[:_SHOWN])}{more}")
+    return lines
 
 
 def _as_text(path: Path, problems: "list[Problem]") -> list[str]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jaxmotion._plain import printable
+from jaxmotion.cli._feet import for_frames, in_blocks
 from jaxmotion.cli._options import (
     NOWHERE,
     Batch,
@@ -81,7 +82,7 @@ def command(
 
     everything = Selection(strength=1.0, joints=(), frames=(None, None), fade=0)
     changes = partial(edit, finding=finding, way=restore)
-    edit_files(changes, batch, running, everything, uses_up=True)
+    edit_files(changes, batch, running, everything, keep=False, find=finding)
 
 
 def find(
@@ -100,7 +101,7 @@ def edit(motion: "Motion", length: int, *, finding: Any, way: str) -> "Motion":
     """The library's cleanup on a padded clip, with the clip's own contacts."""
     import jaxmotion as jm
 
-    found = finding(motion, length)
+    found = for_frames(finding(in_blocks(motion, length), length), motion)
     if not found.names:
         raise ValueError(_NO_FEET)
     if way == "spacetime":
@@ -133,9 +134,9 @@ def _facts(motion: "Motion", finding: Any) -> dict[str, Any]:
     import numpy as np
 
     from jaxmotion import contacts, metrics
-    from jaxmotion.cli._work import pad
 
-    padded, length = pad(motion)
+    length = motion.num_frames
+    padded = in_blocks(motion, length)
     found = finding(padded, length)
     share = np.asarray(found.mask).sum(axis=0) / length
     return {

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from jaxmotion._plain import printable
-from jaxmotion.cli._options import Running, running_options
+from jaxmotion.cli._options import Output, Running, running_options
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -18,7 +18,7 @@ _ALPHA = 2.0
 @click.option(
     "-o",
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=Output(file_okay=False),
     default=Path("jaxmotion-demo"),
     show_default=True,
     help="Folder to write to.",

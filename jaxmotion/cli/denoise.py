@@ -10,6 +10,7 @@ from jaxmotion.cli._options import (
     Running,
     Selection,
     batch_options,
+    keep_contacts_option,
     running_options,
     selection_options,
 )
@@ -36,6 +37,7 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
 @click.option("--robust", is_flag=True, default=None, help="Find spikes first, and bridge them.")
 @click.option("--lam", type=_POSITIVE, help="Smoothness of what is kept; for experts.")
 @click.option("--sigma", type=_POSITIVE, help="Noise of the capture; for experts.")
+@keep_contacts_option
 @running_options
 def command(
     batch: Batch,
@@ -46,6 +48,7 @@ def command(
     robust: bool | None,
     lam: float | None,
     sigma: float | None,
+    keep_contacts: bool | None,
 ) -> None:
     """Remove the noise of the capture and keep the motion.
 
@@ -61,7 +64,7 @@ def command(
         raise click.UsageError("--auto learns what --lam and --sigma give; use one or the other")
     given = {"method": method, "tune": auto, "robust": robust, "lam": lam, "sigma": sigma}
     options = {name: value for name, value in given.items() if value is not None}
-    edit_files(partial(edit, options=options), batch, running, selection)
+    edit_files(partial(edit, options=options), batch, running, selection, keep=keep_contacts)
 
 
 def edit(motion: "Motion", length: int, *, options: dict[str, Any]) -> "Motion":

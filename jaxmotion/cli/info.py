@@ -19,6 +19,8 @@ from jaxmotion.cli._terminal import say, say_json
 if TYPE_CHECKING:
     from jaxmotion import Motion, Skeleton
 
+_HEADINGS = " frames     rate   seconds joints    height  up  file"
+
 
 @click.command(short_help="What a file holds.")
 @files_argument
@@ -29,28 +31,39 @@ if TYPE_CHECKING:
 def command(
     files: tuple[str, ...], running: Running, reading: Reading, as_json: bool, tree: bool
 ) -> None:
-    """What a file holds: joints, frames, rate, channels, size.
+    """What a file holds: joints, frames, rate, channels, size; of several files, a row each.
 
     \b
     jaxmotion info walk.bvh --tree
+    jaxmotion info takes
     jaxmotion info takes --json
     """
+    from jaxmotion.cli._files import expand
     from jaxmotion.cli._reading import each
 
     found = []
     failed = False
+    in_rows = len(expand(files)) > 1 and not (as_json or tree)
+    if in_rows:
+        say(_HEADINGS)
     for item in each(files, reading, running, uses_up=True):
         failed |= item.motion is None
         if item.motion is None:
             continue
         facts = {"file": str(item.path), **describe(item.motion), "warnings": item.warnings}
         found.append(facts)
-        if not as_json:
+        if in_rows:
+            say(_as_row(item.path, facts))
+            say(*(f"  warning: {text}" for text in item.warnings), err=True)
+        elif not as_json:
             say(*_as_text(item.path, facts))
             if tree:
                 _draw(item.motion.skeleton)
     if as_json:
         say_json(found)
+    if in_rows:
+        frames, seconds = (sum(facts[name] for facts in found) for name in ("frames", "seconds"))
+        say(f"{len(found)} files, {frames} frames, {seconds:.6g} s", err=True)
     raise click.exceptions.Exit(1 if failed else 0)
 
 
@@ -59,6 +72,7 @@ def describe(motion: "Motion") -> dict[str, Any]:
     import numpy as np
 
     from jaxmotion import metrics
+    from jaxmotion.cli._work import duration
 
     skeleton = motion.skeleton
     points = metrics.world_positions(motion)
@@ -68,7 +82,7 @@ def describe(motion: "Motion") -> dict[str, Any]:
         "frames": motion.num_frames,
         "fps": round(1.0 / float(motion.frame_time), 6),
         "frame_time": float(motion.frame_time),
-        "seconds": motion.num_frames * float(motion.frame_time),
+        "seconds": duration(motion),
         "joints": list(skeleton.names),
         "parents": list(skeleton.parents),
         "end_sites": len(skeleton.end_joints),
@@ -80,6 +94,12 @@ def describe(motion: "Motion") -> dict[str, Any]:
         "height": float(height),
         "bounding_box": [points.min((0, 1)).tolist(), points.max((0, 1)).tolist()],
     }
+
+
+def _as_row(path: Path, facts: dict[str, Any]) -> str:
+    """Figures in columns, and the name last: rows are shown as files are read."""
+    figures = f"{facts['frames']:7} {facts['fps']:8.6g} {facts['seconds']:9.2f}"
+    return f"{figures} {len(facts['joints']):6} {facts['height']:9.4g}  {facts['up']}   {path}"
 
 
 def _as_text(path: Path, facts: dict[str, Any]) -> list[str]:

@@ -1,6 +1,5 @@
 """``jaxmotion layers``: take a motion apart into base, style and noise."""
 
-import math
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,8 @@ from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Batch, Running, batch_options, running_options
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from jaxmotion.layers import MotionLayers
 
 _NAMES = ("base.bvh", "denoised.bvh", "layers.npz")
@@ -28,7 +29,8 @@ _NAMES = ("base.bvh", "denoised.bvh", "layers.npz")
 def command(batch: Batch, running: Running, scope: str) -> None:
     """Take a motion apart: OUT gets base.bvh, denoised.bvh and layers.npz.
 
-    base.bvh is the smooth gist of the motion, denoised.bvh has its style as well. layers.npz holds
+    base.bvh is the smooth gist of the motion, denoised.bvh has its style as well; each keeps at
+    least half of a swing that is slower than the Hz that are told. layers.npz holds
     the displacements of style ("control") and noise ("residual"): rotation vectors in radians and
     translations in the file's unit, (frame, joint, 3). For several inputs, OUT gets a folder each.
 
@@ -77,15 +79,24 @@ def _write_displacements(layers: "MotionLayers", length: int, job: Job, overwrit
     arrays["joints"] = np.array(layers.base.skeleton.names)
     with atomic_write(job.target / _NAMES[2], overwrite=overwrite) as file:
         write_archive(file, arrays, compress=True)
-    control, residual = (
-        math.degrees(np.linalg.norm(arrays[f"{name}_rotations"], axis=-1).max()) for name in parts
-    )
-    lam, sigma = (_range(arrays[name]) for name in ("lam", "sigma"))
-    saturated = arrays["saturated"]
+    return _summary(arrays, float(layers.base.frame_time))
+
+
+def _summary(arrays: "dict[str, np.ndarray]", frame_time: float) -> str:
+    import numpy as np
+
+    from jaxmotion.smoothing.low_pass import half_gain
+
+    lam, sigma, saturated = (arrays[name] for name in ("lam", "sigma", "saturated"))
+    base, style = (_range(half_gain(x, frame_time)) for x in (lam * sigma, np.ones(())))
     ended = f"saturated ({saturated.sum()} of {saturated.size})" if saturated.any() else "bounded"
+    turns = []
+    for name in ("control", "residual"):
+        angle = np.degrees(np.linalg.norm(arrays[f"{name}_rotations"], axis=-1))
+        turns.append(f"turns up to {angle.max():.3g}°, rms {np.sqrt(np.mean(angle**2)):.3g}°")
     return (
-        f"lambda {lam}, sigma {sigma}, {ended}; "
-        f"style turns up to {control:.3g}°, noise up to {residual:.3g}°"
+        f"base below {base} Hz (lambda {_range(lam)}, sigma {_range(sigma)}, {ended}); "
+        f"style, below {style} Hz, {turns[0]}; noise {turns[1]}"
     )
 
 

@@ -15,7 +15,7 @@ from jaxmotion.cli._options import (
     running_options,
     selection_options,
 )
-from jaxmotion.cli._work import Notice
+from jaxmotion.cli._terminal import Notice
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -67,7 +67,7 @@ def command(
     gains: tuple[float, ...] | None,
     level: float | None,
     levels: int | None,
-    keep_contacts: bool,
+    keep_contacts: bool | None,
 ) -> None:
     """Take a motion apart into a coarse motion and levels of detail, twice as fine each, and put
     it together with other shares of them.
@@ -82,8 +82,8 @@ def command(
         raise click.UsageError("say what: --gains 1,1.5,1, or --level 3; one of them")
     if gains is not None and levels is not None and levels != len(gains):
         raise click.UsageError(f"--levels {levels} and {len(gains)} --gains disagree")
-    changes = partial(edit, gains=gains, level=level, levels=levels, keep_contacts=keep_contacts)
-    edit_files(changes, batch, running, selection, uses_up=keep_contacts)
+    changes = partial(edit, gains=gains, level=level, levels=levels)
+    edit_files(changes, batch, running, selection, keep=keep_contacts)
 
 
 def edit(
@@ -93,7 +93,6 @@ def edit(
     gains: tuple[float, ...] | None,
     level: float | None,
     levels: int | None,
-    keep_contacts: bool,
 ) -> "Motion":
     """The library's gains or level of detail on a padded clip, with no more levels than it has: the
     finest, which are as fine in a short clip as in a long one."""
@@ -101,8 +100,12 @@ def edit(
 
     from jaxmotion.multiresolution import build_pyramid, level_of_detail, scale_details
     from jaxmotion.multiresolution.cascade import level_sizes
-    from jaxmotion.multiresolution.pyramid import level_count
+    from jaxmotion.multiresolution.pyramid import DEEPEST, level_count
 
+    deepest = DEEPEST if levels is None else levels
+    if level is not None and level > deepest:
+        text = f"--level {level:g}: there are {_counted(deepest, 'level')} of detail"
+        raise ValueError(f"{text}; --levels makes more")
     wanted = len(gains) if gains is not None else levels
     most = len(level_sizes(length)) - 1
     number = level_count(length, wanted if wanted is None else min(wanted, most), "multires")
@@ -112,8 +115,8 @@ def edit(
     pyramid = build_pyramid(motion, number, length=length)
     if gains is not None:
         kept = np.asarray(gains)[len(gains) - number :]
-        return scale_details(pyramid, kept, keep_contacts=keep_contacts)
-    return level_of_detail(pyramid, level or 0.0, keep_contacts=keep_contacts)
+        return scale_details(pyramid, kept)
+    return level_of_detail(pyramid, level or 0.0)
 
 
 def _counted(number: int, thing: str) -> str:

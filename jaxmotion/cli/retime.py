@@ -135,6 +135,7 @@ def edit(motion: "Motion", timing: Timing) -> "Motion":
 
 
 def _length(motion: "Motion") -> str:
-    seconds = (motion.num_frames - 1) * float(motion.frame_time)
+    from jaxmotion.cli._work import duration
+
     rate = 1 / float(motion.frame_time)
-    return f"{motion.num_frames} frames ({seconds:.4g} s at {rate:.5g} a second)"
+    return f"{motion.num_frames} frames ({duration(motion):.4g} s at {rate:.5g} a second)"

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from jaxmotion.cli._feet import with_contacts
 from jaxmotion.cli._joining import Joining, join, joining_options
 from jaxmotion.cli._options import keep_contacts_option
 
@@ -35,7 +36,7 @@ def command(
     search: float,
     levels: int | None,
     no_align: bool,
-    keep_contacts: bool,
+    keep_contacts: bool | None,
     joining: Joining,
 ) -> None:
     """Join FILES, in the order given; those of a folder or pattern, by name.
@@ -48,14 +49,17 @@ def command(
     from jaxmotion.cli import _files
 
     def combine(clips: "list[Motion]") -> "tuple[Motion, str]":
-        from jaxmotion.multiresolution import stitch
+        from jaxmotion.multiresolution.stitching import stitched
 
-        frames = round(search / float(clips[0].frame_time))
-        joined = stitch(
-            clips, levels, align=not no_align, search=frames, keep_contacts=keep_contacts
-        )
-        dropped = sum(clip.num_frames for clip in clips) - len(clips) + 1 - joined.num_frames
-        return joined, f"{len(clips)} clips in {joined.num_frames} frames, {dropped} dropped"
+        seconds = float(clips[0].frame_time)
+        found = stitched(clips, levels, align=not no_align, search=round(search / seconds))
+        frames = found.motion.num_frames
+        motion, skate = with_contacts(found.end_to_end, found.motion, frames, keep_contacts)
+        dropped = sum(clip.num_frames for clip in clips) - len(clips) + 1 - frames
+        seams = [f"frame {frame} ({frame * seconds:.4g} s)" for frame in found.seams]
+        text = f"{len(clips)} clips in {frames} frames, {dropped} dropped"
+        text += f", seam{'s' * (len(seams) > 1)} at {', '.join(seams)}" if seams else ""
+        return motion, text + (f"; {skate}" if skate else "")
 
     sources = [source.path for source in _files.expand(files, avoid=joining.out)]
-    join(combine, sources, joining, uses_up=True)
+    join(combine, sources, joining)

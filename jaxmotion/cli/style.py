@@ -52,13 +52,12 @@ def command(
     alpha: float | None,
     gains: tuple[tuple[str, float], ...],
     residual: float,
-    keep_contacts: bool,
+    keep_contacts: bool | None,
 ) -> None:
     """Exaggerate or calm the style of a motion; its noise is removed on the way.
 
     \b
     jaxmotion style walk.bvh -o lively.bvh --alpha 2.0
-    jaxmotion style walk.bvh -o grounded.bvh --alpha 2.0 --keep-contacts
     jaxmotion style walk.bvh -o arms.bvh --gain '*Arm*=2.0' --gain 'Head=0.5'
     """
     from jaxmotion.cli._batch import edit_files
@@ -70,9 +69,8 @@ def command(
         alpha=1.0 if alpha is None else alpha,
         gains=gains,
         residual=residual,
-        keep_contacts=keep_contacts,
     )
-    edit_files(changes, batch, running, selection, uses_up=keep_contacts)
+    edit_files(changes, batch, running, selection, keep=keep_contacts)
 
 
 def edit(
@@ -82,12 +80,9 @@ def edit(
     alpha: float,
     gains: tuple[tuple[str, float], ...],
     residual: float,
-    keep_contacts: bool,
 ) -> "Motion":
     """The library's style gains on a padded clip."""
     import jaxmotion as jm
 
     weights = jm.joint_weights(motion.skeleton, dict(gains), default=alpha)
-    return jm.stylize(
-        motion, weights, residual=residual, length=length, keep_contacts=keep_contacts
-    )
+    return jm.stylize(motion, weights, residual=residual, length=length)

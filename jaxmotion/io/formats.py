@@ -56,7 +56,7 @@ def reader(path: Path) -> Callable:
     """
     rows = _rows(path)
     if not rows:
-        raise _unknown(path)
+        raise unknown_suffix(path)
     for row in rows[1:]:
         if row.knows is not None and _named(row.knows)(path):
             return _named(row.load)
@@ -68,7 +68,7 @@ def writer(path: Path) -> Callable[..., None]:
     for row in _rows(path):
         if row.save is not None:
             return _named(row.save)
-    raise _unknown(path)
+    raise unknown_suffix(path)
 
 
 def files_of(path: Path) -> list[Path]:
@@ -101,12 +101,8 @@ def may_hold_a_motion(path: Path) -> bool:
     return any(names <= held for names in wanted)
 
 
-def _rows(path: Path) -> list[Format]:
-    suffix = path.suffix.lower()
-    return [row for row in FORMATS if row.suffix == suffix]
-
-
-def _unknown(path: Path) -> MotionFileError:
+def unknown_suffix(path: Path) -> MotionFileError:
+    """What to say of a name whose suffix is not in the table; it lists those that are."""
     suffix = path.suffix.lower()
     main = [row.suffix for row in FORMATS if row.beside == suffix]
     hint = "give one of those suffixes"
@@ -123,6 +119,11 @@ def _unknown(path: Path) -> MotionFileError:
         expected=f"{', '.join(others)} or {last}",
         hint=hint,
     )
+
+
+def _rows(path: Path) -> list[Format]:
+    suffix = path.suffix.lower()
+    return [row for row in FORMATS if row.suffix == suffix]
 
 
 def _named(place: str) -> Callable:

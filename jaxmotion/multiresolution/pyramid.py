@@ -59,7 +59,7 @@ from jaxmotion.multiresolution.schedule import (
 )
 
 _SMALLEST_BASE = 4  # frames that a cubic needs
-_DEEPEST = 6  # default levels: 64 frames between those of the base
+DEEPEST = 6  # default levels: 64 frames between those of the base
 
 
 class Pyramid(Portable):
@@ -167,7 +167,7 @@ def level_count(frames: int, levels: int | None, caller: str) -> int:
     """The number of levels for a clip: the default, or the one asked for if it is possible."""
     sizes = level_sizes(frames)
     if levels is None:
-        return min(_DEEPEST, sum(size >= _SMALLEST_BASE for size in sizes[1:]))
+        return min(DEEPEST, sum(size >= _SMALLEST_BASE for size in sizes[1:]))
     if not 0 <= levels < len(sizes):
         raise ValueError(
             f"{caller}: levels={levels}; {frames} frames can be halved 0 to {len(sizes) - 1} times"

@@ -22,6 +22,7 @@ in the clips (not in the choice of the cut).
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -71,6 +72,24 @@ def stitch(
     traced frame time without ``levels``, contacts of another number of frames, or True for them
     under ``jit``; at run time for traced frame times that differ.
     """
+    joined, unseamed, _ = stitched(motions, levels, align=align, search=search)
+    check_kept(joined, keep_contacts, "stitch")
+    return spacetime.keep_contacts(joined, unseamed, keep_contacts)
+
+
+class Stitched(NamedTuple):
+    """Clips put together: ``motion``; ``end_to_end``, the same frames as they were in the clips,
+    where these were moved to; ``seams``, the frames where one clip becomes the next."""
+
+    motion: Motion
+    end_to_end: Motion
+    seams: tuple[int, ...]
+
+
+def stitched(
+    motions: Sequence[Motion], levels: int | None = None, *, align: bool = True, search: int = 0
+) -> Stitched:
+    """:func:`stitch` before contacts are kept, and what is known of it."""
     if not motions:
         raise ValueError("stitch: motions is empty; expected at least one clip")
     _check_search(search, "stitch")
@@ -81,6 +100,7 @@ def stitch(
         level_count(clip.num_frames, levels, "stitch")
     moving = tuple(sorted({j for m in motions for j in m.translated_joints}))
     joined = unseamed = with_moving_joints(first, moving)
+    seams: list[int] = []
     for clip in others:
         if search:
             _check_known(joined, clip, "stitch")
@@ -92,9 +112,9 @@ def stitch(
         clip = with_moving_joints(clip, moving)
         if align:
             clip = _follow(joined, clip)
+        seams = [min(seam, joined.num_frames - 1) for seam in [*seams, joined.num_frames - 1]]
         joined, unseamed = _stitch(joined, clip, depth), _end_to_end(unseamed, clip)
-    check_kept(joined, keep_contacts, "stitch")
-    return spacetime.keep_contacts(joined, unseamed, keep_contacts)
+    return Stitched(joined, unseamed, tuple(seams))
 
 
 def best_cut(first: Motion, second: Motion, search: int) -> tuple[int, int]:

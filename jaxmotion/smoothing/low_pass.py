@@ -3,12 +3,15 @@
     gain(f) = 1/(1 + λσ² (2 sin πfΔ)⁴)        λσ² = 1/(2 sin πcΔ)⁴        gain(c) = ½
 
 c: the cutoff in hertz, Δ the frame time; at most half the frame rate counts. O(T).
+
+With the scale "half", in which motions are smoothed, λ counts half:   sin πcΔ = 1/√(2λσ)
 """
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxmotion._types import ScalarLike
+from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.smoothing.lgs import lgs
 
 
@@ -34,3 +37,13 @@ def low_pass(
     weights = (counts | few).astype(x.dtype)
     smooth = lgs(x, 0.25 / sine**2, 1.0, weights=weights, scale="unit").mean
     return jnp.where(few, x, smooth)
+
+
+def half_gain(product: ArrayLike, frame_time: float) -> Float[np.ndarray, "..."]:
+    """Hertz at which a smoothed motion keeps half; half the frame rate if all of it keeps more.
+
+    **Arguments:** ``product``: λσ, scale "half", order 2; ``frame_time``: seconds.
+    **Returns:** f64[...], hertz.
+    """
+    sine = 1 / np.sqrt(2 * np.asarray(product, np.float64))
+    return np.asarray(np.arcsin(np.minimum(sine, 1.0)) / (np.pi * frame_time))

@@ -36,6 +36,7 @@ from jaxmotion.frames.count import frame_mask
 from jaxmotion.frames.padding import bucket_size, in_buckets
 from jaxmotion.linalg import banded_solve
 from jaxmotion.motion import Motion
+from jaxmotion.skeleton import Skeleton
 from jaxmotion.timing.dtw import dtw
 from jaxmotion.timing.motion_warping import motion_warping
 from jaxmotion.timing.resample import even_reading, read_motion
@@ -119,18 +120,24 @@ def align(
     return Alignment(copy, at, path, length, distance)
 
 
+def compared_joints(source: Skeleton, reference: Skeleton) -> list[tuple[int, int]]:
+    """The joints of the same names in both, the root only if it is the only one."""
+    theirs = {name: j for j, name in enumerate(reference.names)}
+    common = [(j, theirs[n]) for j, n in enumerate(source.names) if n in theirs]
+    return [pair for pair in common if 0 not in pair] or common
+
+
 def _compared(source: Motion, reference: Motion) -> tuple[AnyArray, AnyArray]:
-    """Rotations of the joints of the same names, the root only if it is the only one."""
+    """Rotations of the joints that are compared."""
     if source.dtype != reference.dtype:
         raise ValueError(f"align: the source is {source.dtype}, the reference {reference.dtype}")
-    theirs = {name: j for j, name in enumerate(reference.skeleton.names)}
-    common = [(j, theirs[n]) for j, n in enumerate(source.skeleton.names) if n in theirs]
+    common = compared_joints(source.skeleton, reference.skeleton)
     if not common:
         raise ValueError(
             f"align: no joint of the source ({', '.join(source.skeleton.names)}) is in the "
             f"reference ({', '.join(reference.skeleton.names)})"
         )
-    own, other = np.array([pair for pair in common if 0 not in pair] or common, np.int32).T
+    own, other = np.array(common, np.int32).T
     return source.rotations[:, own], reference.rotations[:, other]
 
 

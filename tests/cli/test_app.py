@@ -88,6 +88,21 @@ def test_usage_errors_exit_2(jaxmotion, words):
     assert "Traceback" not in result.output
 
 
+@pytest.mark.parametrize(
+    ("word", "hint"),
+    [
+        ("denoize", "did you mean denoise?"),
+        ("Stylise", "did you mean style?"),
+        ("exaggeration", "multires or style?"),
+        ("qqq", "jaxmotion --help lists them"),
+    ],
+)
+def test_an_unknown_verb_gets_a_suggestion(jaxmotion, word, hint):
+    told = jaxmotion(word, "x.bvh", code=2).stderr
+    assert f"there is no command '{word}'" in told
+    assert hint in told
+
+
 def test_unforeseen_trouble_is_one_line_and_debug_shows_where(jaxmotion, monkeypatch, take):
     from jaxmotion.cli import _reading
 

@@ -8,11 +8,13 @@ import subprocess
 import sys
 import time
 
+import click
 import numpy as np
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.cli import _batch, _work
+from jaxmotion.cli import _batch, _record, _work
+from jaxmotion.cli._record import NAME
 from jaxmotion.io.atomic import atomic_write
 from tests.cli.conftest import swinging
 
@@ -29,7 +31,17 @@ def takes(tmp_path):
 
 
 def names(folder):
-    return sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file())
+    """The files below a folder; the records of those that are outputs name them all."""
+    files = sorted(p.relative_to(folder) for p in folder.rglob("*") if p.is_file())
+    outputs = [path for path in files if path.name != NAME]
+    recorded = [
+        path.with_name(name)
+        for path in files
+        if path.name == NAME
+        for name in _record._entries((folder / path).parent)
+    ]
+    assert sorted(recorded) == outputs
+    return [path.as_posix() for path in outputs]
 
 
 def test_failures_do_not_stop_the_others(jaxmotion, takes, tmp_path):
@@ -99,6 +111,99 @@ def test_resume_skips_what_is_newer(jaxmotion, takes, tmp_path):
     assert "1 written, 1 skipped" in jaxmotion(*words, "--resume", "--overwrite").stderr
 
 
+def test_resume_makes_again_what_was_made_with_other_options(jaxmotion, takes, tmp_path):
+    (takes / "broken.bvh").unlink()
+    out = tmp_path / "out"
+    words = ("convert", takes, "-o", out, "--to", "npz", "--resume")
+    jaxmotion(*words, "--jobs", "1", "--fail-fast")
+    assert "2 skipped" in jaxmotion(*words).stderr
+    result = jaxmotion(*words, "--fps", "60", code=1)
+    assert "2 failed" in result.stderr
+    assert "a.npz was made without --fps; add --overwrite to replace it" in result.stderr
+    assert float(jm.load(out / "a.npz").fps) == pytest.approx(30)
+    assert "2 written" in jaxmotion(*words, "--fps", "60", "--overwrite").stderr
+    assert float(jm.load(out / "a.npz").fps) == pytest.approx(60)
+    assert "2 skipped" in jaxmotion(*words, "--fps", "60").stderr
+    assert "was made with --fps 60.0;" in jaxmotion(*words, "--fps", "50", code=1).stderr
+    words = ("retime", takes, "-o", out / "a.npz", "--to-fps", "20", "--resume", "--dry-run")
+    assert "a.npz was made by convert;" in jaxmotion(*words[:1], takes / "a.bvh", *words[2:]).stdout
+
+
+def test_resume_says_where_no_options_are_on_record(jaxmotion, takes, tmp_path):
+    (takes / "broken.bvh").unlink()
+    out = tmp_path / "out"
+    words = ("convert", takes, "-o", out, "--to", "npz")
+    jaxmotion(*words)
+    record = out / NAME
+    record.write_bytes(record.read_bytes() + b'\n{"output": "a.npz", "opt')  # as a kill leaves it
+    assert "2 skipped" in jaxmotion(*words, "--resume").stderr
+    jaxmotion(*words, "--overwrite")
+    assert _record._entries(out)["a.npz"]["to"] == ".npz"
+    record.unlink()
+    result = jaxmotion(*words, "--resume", "--fps", "60", code=1)
+    assert "a.npz: skipped, newer than its input; its options are not on record" in result.stderr
+    assert "b ü.npz was made without --fps" in result.stderr
+
+
+def test_a_kill_between_an_output_and_its_record_tells_nothing_wrong(
+    jaxmotion, take, tmp_path, monkeypatch
+):
+    out = tmp_path / "out"
+    words = ("convert", take.parent, "-o", out, "--to", "npz")
+    jaxmotion(*words)
+
+    def killed(record, target):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(_record.Record, "note", killed)
+    jaxmotion(*words, "--fps", "60", "--overwrite", code=130)
+    monkeypatch.undo()
+    for fps in ("60", "30"):
+        result = jaxmotion(*words, "--fps", fps, "--resume", code=1)
+        assert "with options that are not on record; add --overwrite" in result.stderr
+
+
+def test_one_named_output_leaves_nothing_beside_it_unasked(jaxmotion, take, tmp_path):
+    out = tmp_path / "one" / "out.npz"
+    words = ("convert", take, "-o", out)
+    jaxmotion(*words)
+    assert [p.name for p in out.parent.iterdir()] == ["out.npz"]
+    assert "its options are not on record" in jaxmotion(*words, "--resume").stderr
+    out.unlink()
+    jaxmotion(*words, "--resume", "--fps", "60")
+    assert "skipped, newer than its input\n" in jaxmotion(*words, "--resume", "--fps", "60").stderr
+    # What is on record stays right.
+    jaxmotion(*words, "--overwrite")
+    assert "was made without --fps" in jaxmotion(*words, "--resume", "--fps", "60", code=1).stderr
+
+
+def test_a_record_that_cannot_be_written_is_told_once(jaxmotion, takes, tmp_path):
+    (tmp_path / "out" / NAME).mkdir(parents=True)
+    jm.save(swinging(6), takes / "c.bvh")
+    (takes / "broken.bvh").unlink()
+    result = jaxmotion("convert", takes, "-o", tmp_path / "out", "--to", "npz")
+    assert "3 written" in result.stderr
+    assert result.stderr.count(f"{NAME}: a folder, not a file") == 1
+
+
+def test_every_option_counts_but_those_that_say_how_to_go_about_it(jaxmotion, monkeypatch, take):
+    from jaxmotion.cli import _options
+
+    asked = []
+    monkeypatch.setattr(_batch, "run", lambda *_, **__: asked.append(_asked()))
+
+    def _asked():
+        return _options.asked_for(click.get_current_context())
+
+    words = ("style", take, "-o", "x.npz", "--alpha", "2", "--gain", "*Arm=3", "--range", "1:9")
+    jaxmotion(*words, "--jobs", "3", "--debug", "--no-cache", "--dry-run", "--fail-fast")
+    jaxmotion(*words)
+    assert asked[0] == asked[1]
+    want = {"command": "style", "alpha": 2.0, "gain": (("*Arm", 3.0),), "range": (1, 9)}
+    assert want.items() <= asked[0].items()
+    assert {"fps", "up", "out-up", "strength", "joints", "fade", "residual"} <= asked[0].keys()
+
+
 def test_an_output_that_cannot_be_written(jaxmotion, take, tmp_path):
     (tmp_path / "file").write_text("")
     result = jaxmotion("convert", take, "-o", tmp_path / "file" / "out.npz", code=1)
@@ -125,11 +230,19 @@ def test_results_that_are_not_finite_are_not_written(take, tmp_path):
     selection = _work.Selection(1.0, (), (None, None), 0)
     job = _batch.Job(take, tmp_path / "x.bvh")
     reading = _work.Reading(None, None)
-    editing = _work.Editing(spoil, selection, reading, None, False, False, False)
+    editing = _work.Editing(spoil, selection, reading)
     outcome = _work.guarded(lambda job: _work.edit_file(editing, job), job)
     assert outcome.status == "failed"
     assert "not finite, first at frame 0, joint 'Hips'" in outcome.message
     assert not job.target.exists()
+
+
+def test_a_warning_of_many_files_is_told_once_and_counted(jaxmotion, takes, tmp_path):
+    (takes / "broken.bvh").unlink()
+    result = jaxmotion("convert", takes, "-o", tmp_path / "out", "--to", "bvh", "--out-up", "z")
+    text = "z points up, which the file cannot say: read it with up= (--up)"
+    assert result.stderr.count(f"  warning: {text}") == 1
+    assert f"warning, of 2 files: {text}\n" in result.stderr
 
 
 def test_reports(jaxmotion, takes, tmp_path):
@@ -209,8 +322,11 @@ def test_ctrl_c_leaves_no_partial_file(tmp_path, jobs, interruptible):
     assert run.returncode == 130, errors
     assert "Interrupted." in errors
     assert "Traceback" not in errors
-    done = list(out.iterdir())
+    done = [path for path in out.iterdir() if path.name != NAME]
     assert 0 < len(done) < 400
+    recorded = _record._entries(out).keys()
+    assert recorded <= {path.name for path in done}
+    assert len(recorded) >= len(done) - 2 * int(jobs)
     for path in done:
         assert path.suffix == ".bvh"
         assert len(jm.load(path)) == 30

@@ -102,8 +102,13 @@ def test_layers(jaxmotion, take, tmp_path, denoised):
     out = tmp_path / "parts"
     result = jaxmotion("layers", take, "-o", out)
     assert sorted(p.name for p in out.iterdir()) == ["base.bvh", "denoised.bvh", "layers.npz"]
-    assert "lambda" in result.stderr
     layers = jm.decompose(swinging())
+    hertz = 30 / np.pi * np.arcsin(1 / np.sqrt(2 * layers.lam * layers.sigma))
+    assert f"base below {hertz:.4g} Hz (lambda" in result.stderr
+    turns = np.degrees(np.linalg.norm(layers.control.rotations, axis=-1))
+    told = f"style, below 7.5 Hz, turns up to {turns.max():.3g}°, rms "
+    assert told in result.stderr
+    assert f"rms {np.sqrt(np.mean(turns**2)):.3g}°; noise turns up to" in result.stderr
     assert_same_rotation(jm.load(out / "base.bvh").rotations, layers.base.rotations, 1e-9)
     assert_same_rotation(jm.load(out / "denoised.bvh").rotations, denoised[1].rotations, 1e-9)
     with np.load(out / "layers.npz", allow_pickle=False) as parts:
@@ -155,11 +160,27 @@ def test_info(jaxmotion, take, tmp_path):
     result = jaxmotion("info", take, tmp_path / "bad.bvh", "--json", code=1)
     [facts] = json.loads(result.stdout)
     assert facts["joints"] == ["Hips", "LeftArm", "LeftHand", "RightArm"]
-    assert facts["seconds"] == pytest.approx(40 / 30)
+    assert facts["seconds"] == pytest.approx(39 / 30)  # as retime tells it
     low, high = facts["bounding_box"]
     assert low[1] <= 9 < high[1]
     assert facts["translated_joints"] == ["Hips"]
     assert "bad.bvh" in result.stderr
+
+
+def test_info_of_a_folder_is_a_table(jaxmotion, take, tmp_path):
+    jm.save(swinging(25), tmp_path / "other.npz")
+    (tmp_path / "bad.bvh").write_text("nonsense")
+    result = jaxmotion("info", tmp_path, code=1)
+    head, *rows = result.stdout.splitlines()
+    assert head.split() == ["frames", "rate", "seconds", "joints", "height", "up", "file"]
+    cells = {row.split()[-1]: row.split()[:4] for row in rows}
+    assert cells == {
+        str(tmp_path / "other.npz"): ["25", "30", "0.80", "4"],
+        str(take): ["40", "30", "1.30", "4"],
+    }
+    assert "FAILED" in result.stderr
+    assert "2 files, 65 frames, 2.1 s" in result.stderr
+    assert "LeftHand" in jaxmotion("info", tmp_path, "--tree", code=1).stdout
 
 
 def test_check(jaxmotion, tmp_path):
@@ -175,6 +196,8 @@ def test_check(jaxmotion, tmp_path):
     result = jaxmotion("check", good, bad, code=3)
     assert "LeftHand, frame 20" in result.stdout
     assert "1 of 2 files have problems." in result.stderr
+    assert f"  spike         1 in {bad}\n" in result.stderr
+    assert f"  flip (note)   3 in {bad}\n" in result.stderr
     found = json.loads(jaxmotion("check", bad, "--json", code=3).stdout)[0]["problems"]
     kinds = {(p["kind"], p["frame"], p["joint"]) for p in found}
     assert ("spike", 20, "LeftHand") in kinds

@@ -44,8 +44,10 @@ def test_list(jaxmotion, file, take, skating):
 @pytest.mark.parametrize("way", ["legs", "root", "spacetime"])
 def test_restore(jaxmotion, file, tmp_path, skating, way):
     out = tmp_path / "clean.npz"
-    jaxmotion("contacts", file, "-o", out, "--restore", way)
+    told = jaxmotion("contacts", file, "-o", out, "--restore", way).stderr
     found = jm.contacts.detect(skating)
+    before, after = (skate(motion, found) for motion in (skating, jm.load(out)))
+    assert f"feet slid at {before:.3g}, now {after:.3g} cm/s" in told
     assert foot_skate(jm.load(out), found) < 0.4 * foot_skate(skating, found)
 
 
@@ -55,13 +57,52 @@ def test_restoring_what_has_no_feet_says_so(jaxmotion, take, tmp_path):
     assert not (tmp_path / "a.bvh").exists()
 
 
-def test_style_keeps_contacts(jaxmotion, file, tmp_path, skating):
-    plain, kept = tmp_path / "plain.npz", tmp_path / "kept.npz"
+def skate(motion, found):
+    """As it is told: the clip is in metres."""
+    return 100 * foot_skate(motion, found)
+
+
+def test_style_keeps_contacts_where_feet_would_slide_more(jaxmotion, file, tmp_path, skating):
+    plain, kept, report = tmp_path / "plain.npz", tmp_path / "kept.npz", tmp_path / "r.json"
     words = ("style", file, "--alpha", "2", "-o")
-    jaxmotion(*words, plain)
-    jaxmotion(*words, kept, "--keep-contacts")
+    told = jaxmotion(*words, plain, "--no-keep-contacts").stderr
     found = jm.contacts.detect(skating)
-    assert foot_skate(jm.load(kept), found) < 0.1 * foot_skate(jm.load(plain), found)
+    before, slid = skate(skating, found), skate(jm.load(plain), found)
+    assert slid > 2 * before
+    assert f"feet slid at {before:.3g}, now {slid:.3g} cm/s\n" in told
+    told = jaxmotion(*words, kept, "--report", report).stderr
+    after = skate(jm.load(kept), found)
+    assert after < 0.1 * slid
+    assert f"slid at {before:.3g}, now {after:.3g} cm/s (contacts kept; else {slid:.3g})" in told
+    [row] = json.loads(report.read_text())["files"]
+    assert row["contacts_kept"] is True
+    assert 100 * row["skate_before"] == pytest.approx(before, rel=1e-6)
+    assert 100 * row["skate_after"] == pytest.approx(after, rel=1e-6)
+
+
+def test_contacts_are_kept_inside_of_the_selection_only(jaxmotion, file, tmp_path, skating):
+    plain, kept = tmp_path / "plain.npz", tmp_path / "kept.npz"
+    words = ("style", file, "--alpha", "2", "--range", "12:36", "--strength", "0.8", "-o")
+    jaxmotion(*words, plain, "--no-keep-contacts")
+    assert "contacts kept" in jaxmotion(*words, kept).stderr
+    before, without, after = (jm.load(path) for path in (file, plain, kept))
+    outside = np.r_[0:12, 36:48]
+    np.testing.assert_array_equal(after.rotations[outside], before.rotations[outside])
+    np.testing.assert_array_equal(after.translations[outside], before.translations[outside])
+    inner = jm.contacts.detect(skating).at_frames(np.arange(20.0, 28.0))
+    assert foot_skate(after[20:28], inner) < 0.2 * foot_skate(without[20:28], inner)
+    head = before.skeleton.index("Head")  # the edit itself sets in as it does without
+    np.testing.assert_allclose(after.rotations[:, head], without.rotations[:, head], atol=1e-3)
+
+
+def test_feet_that_slide_no_more_are_left_alone(jaxmotion, file, take, tmp_path):
+    for words in (("style", "--alpha", "1"), ("denoise", "--lam", "1", "--sigma", "1")):
+        result = jaxmotion(*words, file, "-o", tmp_path / f"{words[0]}.npz")
+        assert "feet slid at" in result.stderr
+        assert "kept" not in result.stderr
+    result = jaxmotion("style", take, "--alpha", "2", "-o", tmp_path / "b.npz", "--keep-contacts")
+    assert "feet slid" not in result.stderr
+    assert "warning: no feet found that touch: no contacts are kept" in result.stderr
 
 
 def test_what_is_missing_is_asked_for(jaxmotion, file, tmp_path):

@@ -117,3 +117,31 @@ def test_layer_folders(tree):
     assert jobs[1].target == Path("out/sub/b")
     with pytest.raises(click.UsageError, match="is a file"):
         _files.plan_folders(inputs, Path("takes/a.bvh"))
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["convert", "denoise", "layers", "style --alpha 2", "multires --level 1", "retime --frames 9"],
+)
+def test_an_output_of_no_format_is_refused_never_made_a_folder(jaxmotion, take, tmp_path, words):
+    verb, *rest = words.split()
+    out = tmp_path / "clean.fbx"
+    result = jaxmotion(verb, take, *rest, "-o", out, code=2)
+    assert "'.fbx'; expected .bvh, .amc (with its .asf) or .npz" in result.stderr
+    assert "may end with '/'" in result.stderr
+    assert "name the .amc file" in jaxmotion(verb, take, "-o", "clean.asf", code=2).stderr
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("verb", ["layers", "demo"])
+def test_a_folder_is_not_named_like_a_file(jaxmotion, take, tmp_path, verb):
+    words = (verb, take) if verb == "layers" else (verb,)
+    assert "folder" in jaxmotion(*words, "-o", tmp_path / "parts.bvh", code=2).stderr
+    assert not (tmp_path / "parts.bvh").exists()
+
+
+def test_folders_may_have_dots_in_their_names(jaxmotion, tree, take):
+    Path("there.v2").mkdir()
+    for out in ("takes.2026.11", "there.v2", "new.v2/"):
+        words = ("convert", take, "-o", out, "--to", "npz", "--dry-run")
+        assert f" -> {Path(out) / 'take.npz'}" in jaxmotion(*words).stdout

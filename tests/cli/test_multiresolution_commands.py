@@ -7,6 +7,7 @@ import pytest
 
 import jaxmotion as jm
 from jaxmotion.multiresolution import blend, build_pyramid, level_of_detail, scale_details, stitch
+from jaxmotion.multiresolution.stitching import stitched
 from tests.cli.conftest import swinging
 from tests.helpers import assert_same_rotation
 
@@ -88,6 +89,13 @@ def test_multires_usage(jaxmotion, take, tmp_path, words, message):
     assert not (tmp_path / "out.bvh").exists()
 
 
+def test_a_level_that_is_not_there_is_an_error(jaxmotion, take, tmp_path):
+    words = ("multires", take, "-o", tmp_path / "out.bvh", "--level", "40")
+    told = "there are 6 levels of detail; --levels makes more"
+    assert f"--level 40: {told}" in jaxmotion(*words, code=1).stderr
+    assert "there are 3 levels" in jaxmotion(*words, "--levels", "3", code=1).stderr
+
+
 def test_blend(jaxmotion, take, other, tmp_path):
     out = tmp_path / "o" / "out.npz"
     result = jaxmotion("blend", take, other, take, "-o", out)
@@ -107,30 +115,43 @@ def test_stitch(jaxmotion, take, other, tmp_path):
     result = jaxmotion("stitch", take, other, "-o", out, "--search", "0")
     clips = [jm.load(take), jm.load(other)]
     assert_same_clip(jm.load(out), stitch(clips))
-    assert "2 clips in 79 frames, 0 dropped" in result.stderr
+    assert "2 clips in 79 frames, 0 dropped, seam at frame 39 (1.3 s)" in result.stderr
     words = ("stitch", take, other, "-o", out, "--overwrite", "--levels", "2")
     result = jaxmotion(*words, "--no-align", "--search", "0.2")
     want = stitch(clips, 2, align=False, search=6)
     assert_same_clip(jm.load(out), want)
     assert f"{want.num_frames} frames, {79 - want.num_frames} dropped" in result.stderr
+    seam = int(result.stderr.split("seam at frame ")[1].split()[0])
+    assert 39 - 6 <= seam <= 39
+    third = shutil.copy(take, tmp_path / "third.bvh")
+    words = (take, other, third, "-o", out, "--overwrite", "--search", "0")
+    told = jaxmotion("stitch", *words).stderr
+    assert "seams at frame 39 (1.3 s), frame 78 (2.6 s)" in told
 
 
 def test_keep_contacts(jaxmotion, tmp_path):
     """What it does is the library's: here, that the option arrives."""
+
+    def kept(edit, original):  # one program with what the commands call
+        return jm.spacetime.keep_contacts(edit, original, length=edit.num_frames)
+
     take, out = tmp_path / "walk.bvh", tmp_path / "out.npz"
     jm.save(jm.samples.walk(16, fps=15.0).motion, take)
     words = ("-o", out, "--overwrite", "--keep-contacts")
     walk = jm.load(take)
     jaxmotion("multires", take, "--gains", "2", *words)
-    want = scale_details(build_pyramid(walk, 1), 2.0, keep_contacts=True)
+    want = kept(scale_details(build_pyramid(walk, 1), 2.0), walk)
     assert_same_rotation(jm.load(out).rotations, want.rotations, 1e-3)
-    jaxmotion("blend", take, take, take, "--levels", "1", *words)
-    want = blend(walk, walk, walk, 1, keep_contacts=True)
+    told = jaxmotion("blend", take, take, take, "--levels", "1", *words).stderr
+    assert "out.npz: 16 frames; feet slid at" in told
+    want = kept(blend(walk, walk, walk, 1), walk)
     assert_same_rotation(jm.load(out).rotations, want.rotations, 1e-3)
     again = shutil.copy(take, tmp_path / "walk2.bvh")
     jaxmotion("stitch", take, again, "--levels", "1", "--search", "0", *words)
-    want = stitch([walk, walk], 1, keep_contacts=True)
-    assert_same_rotation(jm.load(out).rotations, want.rotations, 1e-3)
+    found = stitched([walk, walk], 1)
+    assert_same_rotation(
+        jm.load(out).rotations, kept(found.motion, found.end_to_end).rotations, 1e-3
+    )
 
 
 def test_they_refuse(jaxmotion, take, other, tmp_path):

@@ -53,7 +53,7 @@ def test_preset_gives_defaults_and_flags_win(jaxmotion, take, tmp_path, edited):
     jaxmotion("style", take, "-o", "out", "--preset", preset, "--fade", "5", "--jobs", "1")
     [(edit, batch, running, selection)] = edited
     gains = (("*Arm*", 2.0),)
-    want = {"alpha": 1.5, "gains": gains, "residual": 0.0, "keep_contacts": False}
+    want = {"alpha": 1.5, "gains": gains, "residual": 0.0}
     assert edit.keywords == want
     assert (batch.overwrite, batch.jobs, running.cache) == (True, 1, True)
     assert selection == Selection(1.0, ("Left*", "Hips"), (3, 9), 5)

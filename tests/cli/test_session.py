@@ -36,10 +36,17 @@ def test_flags_that_end_the_process_go_to_releases_that_know_them(monkeypatch, r
     assert (users or [mine]) == ["--xla_cpu_use_fusion_emitters=true"]
 
 
-@pytest.mark.parametrize(("kept", "text"), [(True, "compiling (first run only)"), (False, "comp")])
+MISS = "/jax/compilation_cache/cache_misses"
+
+
+@pytest.mark.parametrize(
+    ("kept", "text"),
+    [(True, "compiling (kept for the next run) ...\n"), (False, "compiling ...\n")],
+)
 def test_notice_while_compiling(monkeypatch, capfd, notice_class, kept, text):
     monkeypatch.setattr(_session, "_PATIENCE", 0.05)
     notice = notice_class(kept=kept)
+    notice._on_miss(MISS)
     for pause, told in ((0.0, ""), (0.5, text), (0.5, "")):
         notice._on_event("/jax/core/compile/jaxpr_to_mlir_module_duration", 0.1)
         time.sleep(pause)
@@ -47,6 +54,38 @@ def test_notice_while_compiling(monkeypatch, capfd, notice_class, kept, text):
         heard = capfd.readouterr().err
         assert heard.startswith(told)
         assert bool(heard) == bool(told)
+
+
+def test_reading_the_cache_is_not_called_compiling(monkeypatch, capfd, notice_class):
+    monkeypatch.setattr(_session, "_PATIENCE", 0.05)
+    notice = notice_class(kept=True)
+    for event, told in (("/jax/compilation_cache/cache_hits", False), (MISS, True)):
+        notice._on_event("/jax/core/compile/jaxpr_to_mlir_module_duration", 0.1)
+        time.sleep(0.5)
+        notice._on_event("/jax/core/compile/backend_compile_duration", 0.5)
+        assert capfd.readouterr().err == ""
+        notice._on_miss(event)
+        assert notice._compiles == told
+
+
+def test_a_miss_is_told_of_as_jax_reports_it(tmp_path, notice_class):
+    names = ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
+    before = {name: jax.config.values[name] for name in names}
+    notice = notice_class(kept=True)
+    try:
+        _configure(dict(zip(names, (str(tmp_path), 0.0), strict=True)))
+        jax.jit(lambda x: 2 * x + time.time())(1.0)
+    finally:
+        _configure(before)
+    assert notice._compiles
+
+
+def _configure(options):
+    from jax.experimental.compilation_cache import compilation_cache
+
+    for name, value in options.items():
+        jax.config.update(name, value)
+    compilation_cache.reset_cache()
 
 
 def test_notice_listens_to_what_jax_reports(monkeypatch, notice_class):

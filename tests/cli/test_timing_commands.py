@@ -98,6 +98,20 @@ def test_align(jaxmotion, take, slow, tmp_path):
     assert plot.read_bytes().startswith(b"\x89PNG")
     assert "out.npz: 40 frames in the time of 59, held" in result.stderr
     assert len(result.stderr.splitlines()) == 1
+    assert "(rms); 3 of 3 joints compared" in result.stderr
+
+
+def test_align_refuses_skeletons_that_share_few_joints(jaxmotion, take, tmp_path):
+    motion = swinging(20)
+    skeleton = motion.skeleton
+    names = ["Hips", "LeftArm", "hand", "arm"]
+    strange = jm.Skeleton(names, skeleton.parents, skeleton.offsets)
+    jm.save(jm.Motion(strange, motion.translations, motion.rotations, 1 / 30), tmp_path / "b.npz")
+    words = ("align", take, tmp_path / "b.npz", "-o", tmp_path / "out.npz")
+    told = jaxmotion(*words, code=1).stderr
+    assert "only 1 of 3 joints have one of the same name in the other clip; --few-joints" in told
+    assert not (tmp_path / "out.npz").exists()
+    assert "1 of 3 joints compared" in jaxmotion(*words, "--few-joints").stderr
 
 
 def test_align_by_warping(jaxmotion, take, slow, tmp_path):

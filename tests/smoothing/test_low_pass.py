@@ -4,7 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmotion.smoothing.low_pass import low_pass
+from jaxmotion.smoothing import lgs
+from jaxmotion.smoothing.low_pass import half_gain, low_pass
 
 FPS, CUTOFF = 120.0, 6.0
 
@@ -43,3 +44,14 @@ def test_few_frames_that_count_stay(count):
     x = np.random.default_rng(1).normal(size=(9, 3))
     got = low_pass(jnp.asarray(x), CUTOFF, 1 / FPS, jnp.arange(9) < count)
     np.testing.assert_array_equal(got[:count], x[:count])
+
+
+@pytest.mark.parametrize(("lam", "sigma"), [(1.0, 1.0), (128.0, 12.8), (1e3, 1.0)])
+def test_half_of_a_wave_is_left_where_it_is_told(lam, sigma):
+    hertz = float(half_gain(lam * sigma, 1 / FPS))
+    time = np.arange(2400) / FPS
+    wave = np.sin(2 * np.pi * hertz * time)
+    got = np.asarray(lgs(jnp.asarray(wave), lam, sigma).mean)
+    middle = slice(800, 1600)
+    np.testing.assert_allclose(got[middle], 0.5 * wave[middle], atol=1e-3)
+    assert half_gain(0.1, 1 / FPS) == FPS / 2
