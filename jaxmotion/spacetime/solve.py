@@ -179,8 +179,7 @@ def satisfy(
             raise ValueError('satisfy: method="hierarchical" takes no length; cut the clip instead')
         count, motion = counted("satisfy: length", length, motion.num_frames, motion)
     elif method == "gauss_newton":
-        given = joint_limits, floor, weights, ramp
-        room, motion, contacts = with_room(motion, contacts, *given)
+        room, motion, contacts = with_room(motion, contacts, joint_limits, floor, weights, ramp)
         count = None if room.length is None else jnp.asarray(room.length, jnp.int32)
     dtype = motion.dtype
     weights = Weights() if weights is None else weights
