@@ -112,7 +112,6 @@ def _solve(bands: Array, factor: BandedFactor, b: Array) -> Array:
     return lax.custom_linear_solve(partial(banded_matvec, bands), b, solve, symmetric=True)
 
 
-@jax.custom_jvp
 def banded_log_det(bands: Float[AnyArray, "n band *k"]) -> Array:
     """``log det P``.
 
@@ -121,16 +120,21 @@ def banded_log_det(bands: Float[AnyArray, "n band *k"]) -> Array:
     **Arguments:** ``bands``: f[n, w + 1, *k], P.
     **Returns:** f[*k]; not a number when P is not positive definite.
     """
+    return _log_det(bands)
+
+
+@jax.custom_jvp
+def _log_det(bands: Float[AnyArray, "n band *k"]) -> Array:
     return jnp.sum(jnp.log(_factor(bands)[0].pivots), axis=0)
 
 
-@banded_log_det.defjvp
-def _banded_log_det_jvp(primals, tangents):
+@_log_det.defjvp
+def _log_det_jvp(primals, tangents):
     (bands,), (change,) = primals, tangents
     inside = _inside(bands)
     inverse = banded_selected_inverse(_factor(bands)[0])
     rate = jnp.where(inside, change * inverse, 0)
-    return banded_log_det(bands), jnp.sum(2 * rate, axis=(0, 1)) - jnp.sum(rate[:, 0], axis=0)
+    return _log_det(bands), jnp.sum(2 * rate, axis=(0, 1)) - jnp.sum(rate[:, 0], axis=0)
 
 
 @jax.jit

@@ -123,7 +123,6 @@ def block_banded_solve(
     return lax.custom_linear_solve(partial(block_banded_matvec, blocks), b, solve, symmetric=True)
 
 
-@jax.custom_jvp
 def block_banded_log_det(blocks: Float[Array, "time band d d *k"]) -> Float[Array, "*k"]:
     """``log det P``.
 
@@ -132,16 +131,21 @@ def block_banded_log_det(blocks: Float[Array, "time band d d *k"]) -> Float[Arra
     **Arguments:** ``blocks``: f[T, w + 1, d, d, *k], P.
     **Returns:** f[*k]; not a number when P is not positive definite.
     """
+    return _log_det(blocks)
+
+
+@jax.custom_jvp
+def _log_det(blocks: Float[Array, "time band d d *k"]) -> Float[Array, "*k"]:
     diagonal = jnp.diagonal(_factor(blocks).roots, axis1=1, axis2=2)
     return -2 * jnp.sum(jnp.log(diagonal), axis=(0, -1))
 
 
-@block_banded_log_det.defjvp
-def _block_banded_log_det_jvp(primals, tangents):
+@_log_det.defjvp
+def _log_det_jvp(primals, tangents):
     (blocks,), (change,) = primals, tangents
     inverse = block_banded_selected_inverse(_factor(blocks))
     rate = jnp.sum(jnp.where(_inside(blocks), change * inverse, 0), axis=(0, 2, 3))
-    return block_banded_log_det(blocks), 2 * jnp.sum(rate, axis=0) - rate[0]
+    return _log_det(blocks), 2 * jnp.sum(rate, axis=0) - rate[0]
 
 
 @jax.jit

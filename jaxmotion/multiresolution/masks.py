@@ -31,7 +31,7 @@ def smoothing_mask(
     strength: ScalarLike = 1.0,
     *,
     times: Float[AnyArray, " time"] | None = None,
-) -> Float[Array | np.ndarray, "*time width"]:
+) -> Float[AnyArray, "*time width"]:
     """Smoothing by the j-th power of the Laplacian: δ − (−1)ʲ λ Lʲ/(2j)!.
 
     Lee & Shin 2001, Eq. 8–9.
@@ -53,7 +53,7 @@ def smoothing_mask(
         binomials = np.array([comb(2 * power, m) for m in range(width)], np.float64)
         pattern = sign * signs * binomials / factorial(2 * power)
         if not isinstance(strength, Array):
-            return centre - float(strength) * pattern
+            return centre - float(strength) * pattern  # type: ignore[return-value]
         return jnp.asarray(centre, strength.dtype) - strength * jnp.asarray(pattern, strength.dtype)
     times = increasing(times, "smoothing_mask")
     if times.shape[0] < 2:

@@ -25,8 +25,9 @@ from jaxtyping import Array
 from jaxmotion import quaternion
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
+from jaxmotion._types import Key
 from jaxmotion.motion import Motion
-from jaxmotion.samples.corruptions import Corrupted, Key, replace_where
+from jaxmotion.samples.corruptions import Corrupted, replace_where
 from jaxmotion.skeleton import Skeleton
 
 

@@ -44,11 +44,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float
 
 from jaxmotion._checks import Fault, known, one_of, raise_faults, require, traced
 from jaxmotion._portable import Portable
-from jaxmotion._types import ArrayLike
+from jaxmotion._types import ArrayLike, Key
 from jaxmotion.linalg import (
     DifferenceChain,
     Knowledge,
@@ -118,7 +118,7 @@ class Posterior(Portable):
         """Log density of the data given lam and sigma, one number per channel, f[*channels]."""
         return _log_evidence(self)
 
-    def sample(self, key: PRNGKeyArray, shape: tuple[int, ...] = ()) -> Array:
+    def sample(self, key: Key, shape: tuple[int, ...] = ()) -> Array:
         """Independent draws of the frames.
 
         O(Nf) each.

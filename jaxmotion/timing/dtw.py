@@ -29,10 +29,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion._checks import one_of
 from jaxmotion._portable import Portable
-from jaxmotion._types import ArrayLike, ScalarLike
+from jaxmotion._types import ArrayLike, Metric, ScalarLike
 from jaxmotion.frames.count import frame_mask
 from jaxmotion.timing.accumulate import accumulator, choice_radix
-from jaxmotion.timing.frame_distance import Metric, counted_pair, last_frames, local_cost
+from jaxmotion.timing.frame_distance import counted_pair, last_frames, local_cost
 from jaxmotion.timing.step_patterns import StepPattern, step_pattern_named
 
 
