@@ -38,6 +38,7 @@ _MODULES = (
     "smoothing",
     "spacetime",
     "timing",
+    "viz",
 )
 
 _HOMES = {
@@ -50,6 +51,7 @@ _HOMES = {
     "forward_kinematics": "kinematics",
     "velocities": "kinematics",
     "MotionLayers": "layers",
+    "check": "metrics",
     "checks": "_checks",
     "decompose": "layers",
     "denoise": "layers",
@@ -76,6 +78,7 @@ if TYPE_CHECKING:
         smoothing,
         spacetime,
         timing,
+        viz,
     )
     from jaxmotion._checks import checks
     from jaxmotion.axes import UpGuess, guess_up, reorient
@@ -90,6 +93,7 @@ if TYPE_CHECKING:
         synthesize,
         time_warp,
     )
+    from jaxmotion.metrics import check
     from jaxmotion.motion import Motion
     from jaxmotion.skeleton import Skeleton
     from jaxmotion.timing import resample
@@ -99,6 +103,7 @@ __all__ = [
     "MotionLayers",
     "Skeleton",
     "UpGuess",
+    "check",
     "checks",
     "contacts",
     "decompose",
@@ -126,6 +131,7 @@ __all__ = [
     "time_warp",
     "timing",
     "velocities",
+    "viz",
 ]
 
 

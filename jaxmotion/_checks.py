@@ -1,9 +1,9 @@
 """Run-time checks: what a wrong value does, everywhere in the package.
 
 A value that is known, of Python, NumPy or JAX, is a ``ValueError``: :func:`one_of` for choices,
-:func:`counted` for how many frames count, :func:`one_number` for what is no array, :func:`require`
-for all others. One that is traced (:func:`traced`) is only known when the program runs, and then
-the setting decides (:func:`checks`):
+:func:`counted` for how many frames count, :func:`one_number` for what is no array, :func:`floating`
+for arrays that are kept, :func:`require` for all others. One that is traced (:func:`traced`) is
+only known when the program runs, and then the setting decides (:func:`checks`):
 
     "raise"   the program stops with the message (``equinox.EquinoxRuntimeError``; under a
               ``jax.jit`` of your own, JAX's ``JaxRuntimeError``), which under ``vmap`` names the
@@ -25,6 +25,8 @@ device stops, the others wait for it until XLA ends the process.
 import dataclasses
 import functools
 import os
+import sys
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Literal, TypeAlias, TypeVar
@@ -43,6 +45,11 @@ Fault: TypeAlias = tuple[Bool[Array, ""], str]
 Tree = TypeVar("Tree")
 
 _MODES = ("raise", "nan", "off")
+_INSIDE = ("jaxmotion", "equinox", "jaxtyping")
+_SHORTENED = (
+    "float64 arrays become float32, as JAX has 64-bit types off; "
+    "jax.config.update('jax_enable_x64', True), before anything else, keeps them"
+)
 _FROM_OUTSIDE = os.environ.get("EQX_ON_ERROR", "raise")
 # Part of the key of every cache of JAX: a function traced under one setting is traced again under
 # another, whoever compiled it.
@@ -105,6 +112,43 @@ def one_number(name: str, value: Any) -> Any:
     if number.shape != ():
         raise ValueError(f"{name} has shape {number.shape}; expected one number")
     return number
+
+
+def floating(caller: str, *, whole: bool = False, **arrays: Any) -> list[Any]:
+    """The arrays, each of a floating-point type, or ``ValueError``; lists become NumPy's arrays.
+
+    NumPy's of 64 bits, where JAX has none, become float32, which is said once a process; they stay
+    if they are to be ``whole``.
+    """
+    checked = []
+    for name, x in arrays.items():
+        given = hasattr(x, "dtype")
+        x = x if given else np.asarray(x)
+        if not jnp.issubdtype(x.dtype, jnp.floating):
+            raise ValueError(
+                f"{caller}: {name} must be float32 or float64, got {x.dtype}; x.astype(float) is"
+            )
+        if isinstance(x, np.ndarray) and not (whole or has_type(x.dtype)):
+            x = x.astype(jax.dtypes.canonicalize_dtype(x.dtype))
+            if given:
+                warnings.warn(_SHORTENED, stacklevel=1)  # of one place: Python says it once
+        checked.append(x)
+    return checked
+
+
+def has_type(dtype: Any) -> bool:
+    """Whether JAX has such arrays here: it has none of 64 bits unless asked to."""
+    return jax.dtypes.canonicalize_dtype(dtype) == dtype
+
+
+def doubt(caller: str, text: str | None) -> None:
+    """Warn of a likely mistake, if there is a ``text``, at the line that calls the library."""
+    if not text:
+        return
+    frame, level = sys._getframe(1), 2
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in _INSIDE:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(f"{caller}: {text}", stacklevel=level)
 
 
 def counted(

@@ -15,14 +15,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import known, require, traced
+from jaxmotion._checks import doubt, floating, has_type, known, require, traced
 from jaxmotion._file_facts import file_fact
+from jaxmotion._likely import doubt_frame_time, doubt_rotations
 from jaxmotion._portable import Portable
 from jaxmotion._program import one_program
 from jaxmotion._types import AnyArray, Scalar
 from jaxmotion.skeleton import Skeleton
 
 __all__ = ["Motion"]
+
+_LOOKED_AT = 64  # frames
+_LONG = 8.0  # seconds: a frame that lasts longer is doubted at the door
 
 
 class _Kept(NamedTuple):
@@ -90,16 +94,27 @@ class Motion(Portable):
             raise ValueError(
                 f"Motion: translated_joints must lie in 0..{joints - 1}, got {translated_joints}"
             )
+        # Unpickled where JAX has no 64-bit types, a motion is whole, and so are its slices.
+        translations, rotations = floating(
+            "Motion",
+            whole=not has_type(skeleton.offsets.dtype),
+            translations=translations,
+            rotations=rotations,
+        )
+        _doubt_rotations("Motion", rotations)
         if isinstance(frame_time, _Kept):
             frame_time = frame_time.seconds
         elif not traced(frame_time):
             seconds = known(frame_time).ravel().tolist()
             wrong = not all(0 < s < math.inf for s in seconds)
             require(None, wrong, "Motion: frame_time must be a time above 0", got=frame_time)
+            if not isinstance(frame_time, jax.Array) and min(seconds, default=0) > _LONG:
+                doubt("Motion", doubt_frame_time(seconds[0]))
         self.skeleton = skeleton
         self.translations = translations
         self.rotations = rotations
-        self.frame_time = jnp.asarray(frame_time, rotations.dtype)
+        dtype = jax.dtypes.canonicalize_dtype(rotations.dtype)
+        self.frame_time = jnp.asarray(frame_time, dtype)
         self.translated_joints = (
             tuple(range(joints)) if translated_joints is None else tuple(translated_joints)
         )
@@ -116,8 +131,9 @@ class Motion(Portable):
         **Returns:** a motion in the dtype of the rotations.
         **Raises:** as the class.
         """
-        rotations = jnp.asarray(rotations)
-        root = jnp.asarray(root_positions)
+        root, rotations = floating("Motion", root_positions=root_positions, rotations=rotations)
+        _doubt_rotations("Motion", rotations)
+        root, rotations = jnp.asarray(root), jnp.asarray(rotations)
         translations = _with_root(skeleton.offsets, root, rotations)
         return cls(skeleton, translations, rotations, frame_time, translated_joints=(0,), **kwargs)
 
@@ -211,6 +227,14 @@ class Motion(Portable):
         """The same clip with every array in another floating-point type."""
 
         return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
+
+
+def _doubt_rotations(caller: str, rotations: AnyArray) -> None:
+    """Warn if a few frames, of NumPy's, look like another convention; JAX's may be under way."""
+    if isinstance(rotations, np.ndarray) and rotations.size:
+        clip = np.asarray(rotations[(0,) * (rotations.ndim - 3)])
+        found = doubt_rotations(clip[:: 1 + len(clip) // _LOOKED_AT])
+        doubt(caller, found and found[1])
 
 
 @one_program()

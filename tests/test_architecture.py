@@ -19,7 +19,7 @@ PACKAGE = Path(jaxmotion.__file__).parent
 FLOORS = (
     (
         *("_types", "_numerics", "_checks", "_autodiff"),
-        *("_portable", "_program", "_lazy", "_plain", "_file_facts", "_asf_bone"),
+        *("_portable", "_program", "_lazy", "_likely", "_plain", "_file_facts", "_asf_bone"),
     ),
     ("quaternion", "linalg", "frames"),
     ("skeleton", "motion", "kinematics", "displacement", "confine", "axes", "io", "samples"),
