@@ -24,12 +24,13 @@ device stops, the others wait for it until XLA ends the process.
 
 import dataclasses
 import functools
+import inspect
 import os
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import Any, Literal, ParamSpec, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -43,6 +44,8 @@ from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 Mode: TypeAlias = Literal["raise", "nan", "off"]
 Fault: TypeAlias = tuple[Bool[Array, ""], str]
 Tree = TypeVar("Tree")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 _MODES = ("raise", "nan", "off")
 _INSIDE = ("jaxmotion", "equinox", "jaxtyping")
@@ -94,6 +97,30 @@ def known(value: ArrayLike) -> AnyArray:
     """``value`` as an array: NumPy's, unless it is traced. Ask this of what is checked, as under
     ``jit`` whatever ``jax.numpy`` computes is traced, also from what is known."""
     return value if isinstance(value, Tracer) else np.asarray(value)  # type: ignore[return-value]
+
+
+def static(*names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """A decorator of public functions: ``ValueError`` where one of the arguments called ``names``
+    is traced. Flags and numbers of things decide what is compiled."""
+
+    def marked(function: Callable[P, R]) -> Callable[P, R]:
+        parameters = tuple(inspect.signature(function).parameters)
+        places = [(name, parameters.index(name)) for name in names]
+
+        @functools.wraps(function)
+        def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            for name, place in places:
+                value = args[place] if place < len(args) else kwargs.get(name)
+                if isinstance(value, Tracer):
+                    raise ValueError(
+                        f"{function.__name__}: {name} is traced, and must be known when compiling: "
+                        f"jax.jit(..., static_argnames={name!r})"
+                    )
+            return function(*args, **kwargs)
+
+        return call
+
+    return marked
 
 
 def one_of(name: str, value: Any, choices: Iterable[Any]) -> None:

@@ -8,11 +8,11 @@ one | frames a second, or milliseconds, given for seconds |
 scaled, or no quaternions |
 | order | the last component is the largest of the four in more than half of all joints and \
 frames, the first in less than a tenth; of four joints or more | (x, y, z, w) for (w, x, y, z) |
-| degrees | in half of all steps of the joints that turn, ten steps or more, they turn faster \
-than 10 radians a second | degrees taken for radians |
+| degrees | in a twentieth of all steps of the joints that turn, ten steps or more, they turn \
+faster than 20 radians a second | degrees taken for radians |
 
 Joints of a capture seldom turn by more than a right angle from their parents, so that w leads; and
-no figure turns half of its joints so fast. NumPy, on values that are known.
+no figure turns its joints so fast so often. NumPy, on values that are known.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ _RATES = (*_RATES, 300, 360, 400, 480, 500, 1000, *(r * 1000 / 1001 for r in (24
 RATE_TOLERANCE = 0.005
 _UNIT_TOLERANCE = 1e-3  # of the squared norm
 _LEADS, _TRAILS, _JOINTS = 0.5, 0.1, 4
-_FAST, _STEPS = 10.0, 10  # radians a second
+_FAST, _OFTEN, _STEPS = 20.0, 0.05, 10  # radians a second
 _TURNS = 1e-6  # radians; less is rounding
 _ALIKE = 0.01  # share by which norms differ that were scaled alike
 
@@ -80,10 +80,10 @@ def doubt_rates(turns: Float[np.ndarray, "step joint"], seconds: float) -> str:
     moving = turns[:, turns.max(axis=0, initial=0.0) > _TURNS]
     if not moving.size or len(turns) < _STEPS:
         return ""
-    middle = np.median(moving) / seconds
-    if middle <= _FAST:
+    rate = np.quantile(moving, 1 - _OFTEN) / seconds
+    if rate <= _FAST:
         return ""
     return (
-        f"half of all turns are faster than {np.degrees(middle):.0f}° a second; were angles in "
-        "degrees taken for radians? quaternion.from_euler(degrees=True)"
+        f"one turn of a joint in {1 / _OFTEN:.0f} is faster than {np.degrees(rate):.0f}° a second; "
+        "were degrees taken for radians? quaternion.from_euler(degrees=True)"
     )

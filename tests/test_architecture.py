@@ -32,6 +32,7 @@ FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 # Skeleton and Motion are what the rest of their floor speaks; the others are services to an edit.
 SIDEWAYS = {
     "_checks": {"_types"},
+    "_program": {"_checks"},
     "motion": {"skeleton"},
     "kinematics": {"skeleton", "motion"},
     "displacement": {"skeleton", "motion"},

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import counted, one_number, one_of, require, traced
+from jaxmotion._checks import counted, one_number, one_of, require, static, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import height_speed, rigid
@@ -41,6 +41,7 @@ _NEAR = 0.02  # of the limb's length: heights over the level that a segment at r
 _SHARPNESS = 8.0
 
 
+@static("window")
 def detect(
     motion: Motion,
     *,

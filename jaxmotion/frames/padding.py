@@ -11,10 +11,11 @@ frames on at most a third of a bucket is padding, and clips of up to T frames ne
 import numpy as np
 from jaxtyping import Shaped
 
-from jaxmotion._checks import traced
+from jaxmotion._checks import static, traced
 from jaxmotion._types import AnyArray
 
 
+@static("num_frames", "smallest")
 def bucket_size(num_frames: int, smallest: int = 16) -> int:
     """The smallest of ``smallest · (1, 1½, 2, 3, 4, 6, 8, …)`` that holds a clip.
 
@@ -34,6 +35,7 @@ def bucket_size(num_frames: int, smallest: int = 16) -> int:
     return size
 
 
+@static("size")
 def pad_to_bucket(
     clip: Shaped[AnyArray, "frames ..."], size: int | None = None
 ) -> tuple[Shaped[AnyArray, "size ..."], int]:

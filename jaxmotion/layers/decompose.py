@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
-from jaxmotion._checks import counted, known, one_number, one_of, require, traced
+from jaxmotion._checks import counted, known, one_number, one_of, require, static, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, ScalarLike
@@ -73,6 +73,7 @@ class MotionLayers(Portable):
     tuning: MotionTuning | None
 
 
+@static("order")
 def decompose(
     motion: Motion,
     *,

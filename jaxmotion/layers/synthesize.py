@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import spacetime
+from jaxmotion._checks import static
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
@@ -32,6 +33,7 @@ from jaxmotion.smoothing import outlier_weights
 from jaxmotion.smoothing.lgs import check_positive
 
 
+@static("keep_contacts")
 def synthesize(
     layers: MotionLayers,
     alpha: ArrayLike = 1.0,
@@ -90,6 +92,7 @@ def _synthesize(layers: MotionLayers, turning: Array, moving: Array, residual: A
     return plus(plus(layers.base, control), layers.residual.scale(residual))
 
 
+@static("tune", "robust")
 def denoise(
     motion: Motion,
     *,
@@ -152,6 +155,7 @@ def _without_noise(
     return plus(clean, minus(motion, clean).scale(kept))
 
 
+@static("keep_contacts")
 def stylize(
     motion: Motion,
     alpha: ArrayLike,

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion, spacetime
-from jaxmotion._checks import known, require, traced
+from jaxmotion._checks import known, require, static, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts, detect
@@ -39,6 +39,7 @@ _MEMORY = 0.1  # seconds over which speed is averaged
 _NEARLY = 1e-3  # frames; times are written with few digits
 
 
+@static("num_frames", "keep_contacts")
 def time_warp(
     motion: Motion,
     *,

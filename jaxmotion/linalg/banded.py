@@ -29,7 +29,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from jaxmotion._checks import require
+from jaxmotion._checks import require, static
 from jaxmotion._types import AnyArray
 
 _INDEFINITE = "bands: the banded matrix is not positive definite"
@@ -46,6 +46,7 @@ class BandedFactor(eqx.Module):
     pivots: Float[Array, "n *k"]
 
 
+@static("throw")
 def banded_factor(bands: Float[Array, "n band *k"], *, throw: bool = True) -> BandedFactor:
     """Factor ``P = L D L^T``.
 
@@ -79,6 +80,7 @@ def banded_matvec(bands: Float[Array, "n band *k"], x: Float[Array, "n *channels
     return total
 
 
+@static("throw")
 def banded_solve(
     bands: Float[Array, "n band *k"], b: Float[Array, "_ *channels"], *, throw: bool = True
 ) -> Array:

@@ -35,7 +35,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import require
+from jaxmotion._checks import require, static
 
 _LARGEST_UNROLLED = 4
 
@@ -51,6 +51,7 @@ class BlockBandedFactor(eqx.Module):
     roots: Float[Array, "time d d *k"]
 
 
+@static("throw")
 def block_banded_factor(
     blocks: Float[Array, "time band d d *k"], *, throw: bool = True
 ) -> BlockBandedFactor:
@@ -99,6 +100,7 @@ def block_banded_matvec(
     return total
 
 
+@static("throw")
 def block_banded_solve(
     blocks: Float[Array, "time band d d *k"],
     b: Float[Array, "rows size *lanes"],

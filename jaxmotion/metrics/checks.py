@@ -5,7 +5,7 @@
 | ``nan`` | an entry is not finite (then nothing else is looked for) |
 | ``dtype`` | arrays are neither float32 nor float64, or not all alike |
 | ``norm`` | a rotation is no unit quaternion |
-| ``order`` | rotations look like (x, y, z, w) (after this or ``norm`` only ``rate`` is looked for) |
+| ``order`` | rotations look like (x, y, z, w) (after ``norm`` or this only ``rate`` is sought) |
 | ``empty`` | there are fewer than two frames |
 | ``rate`` | the frame rate is not within 0.5 % of one that cameras and engines use |
 | ``degrees`` | rotations turn as fast as if degrees had been taken for radians |

@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmotion import quaternion, spacetime
-from jaxmotion._checks import traced
+from jaxmotion._checks import static, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion.contacts import Contacts
 from jaxmotion.contacts.contact import check_kept
@@ -45,6 +45,7 @@ _HALF_TRANSITION = 0.5  # seconds
 _BESIDE = 0.25  # seconds about a cut that are looked at
 
 
+@static("levels", "align", "search", "keep_contacts")
 def stitch(
     motions: Sequence[Motion],
     levels: int | None = None,
@@ -97,6 +98,7 @@ def stitch(
     return spacetime.keep_contacts(joined, unseamed, keep_contacts)
 
 
+@static("search")
 def best_cut(first: Motion, second: Motion, search: int) -> tuple[int, int]:
     """How many frames to drop on either side of a seam so that it shows least.
 

@@ -46,7 +46,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import Fault, known, one_of, raise_faults, require, traced
+from jaxmotion._checks import Fault, known, one_of, raise_faults, require, static, traced
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, Key
 from jaxmotion.linalg import (
@@ -141,6 +141,7 @@ class Posterior(Portable):
         return covariance.reshape(covariance.shape[0]) if self._shared else covariance
 
 
+@static("num_frames", "order", "parallel")
 def lgs(
     y: ArrayLike,
     lam: ArrayLike,

@@ -28,7 +28,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
-from jaxmotion._checks import one_of
+from jaxmotion._checks import one_of, static
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
@@ -46,6 +46,7 @@ _AROUND = 7
 _STEPS = 1 / 7
 
 
+@static("order")
 def outlier_weights(
     y: ArrayLike | Motion,
     *,

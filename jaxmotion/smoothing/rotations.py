@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxmotion._checks import one_of
+from jaxmotion._checks import one_of, static
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.chordal import chordal, linear_mean
@@ -29,6 +29,7 @@ from jaxmotion.smoothing.design import Design
 Method: TypeAlias = Literal["chordal", "rotvec", "geodesic"]
 
 
+@static("num_frames", "order", "window")
 def smooth_quaternions(
     q: Quaternion,
     lam: ScalarLike,
@@ -93,6 +94,7 @@ def _geodesic(
     return x.reshape(x.shape[0], *q.shape[1:])
 
 
+@static("num_frames", "order", "window")
 def smooth_motion(
     motion: Motion,
     lam: ScalarLike,

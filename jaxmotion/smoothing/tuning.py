@@ -30,7 +30,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import one_of
+from jaxmotion._checks import one_of, static
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
@@ -74,6 +74,7 @@ class MotionTuning(Portable):
     translations: Tuning
 
 
+@static("num_frames", "order")
 def tune(
     y: ArrayLike | Motion,
     *,

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 
 from jaxmotion import spacetime
-from jaxmotion._checks import counted, traced
+from jaxmotion._checks import counted, static, traced
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, detect, fit_distances
 from jaxmotion.contacts.nearby import contacts_near, motion_near, moved_as, origin_of
@@ -35,6 +35,7 @@ class ConvergenceWarning(UserWarning):
     """The iteration of :func:`keep_contacts` had not come to rest when its steps were used up."""
 
 
+@static("contacts")
 def keep_contacts(
     edit: Motion,
     original: Motion,

@@ -26,7 +26,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import known, one_of, require
+from jaxmotion._checks import known, one_of, require, static
 from jaxmotion._numerics import safe_sqrt
 from jaxmotion._portable import Portable
 from jaxmotion._types import ScalarLike
@@ -55,6 +55,7 @@ class Alignment(Portable):
     distance: Float[Array, ""]
 
 
+@static("window")
 def align(
     source: Motion,
     reference: Motion,

@@ -27,7 +27,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmotion._checks import one_of
+from jaxmotion._checks import one_of, static
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, Metric, ScalarLike
 from jaxmotion.frames.count import frame_mask
@@ -54,6 +54,7 @@ class WarpPath(Portable):
         return frame_mask(self.length, self.path.shape[-2])
 
 
+@static("window", "open_end", "min_matched")
 def dtw(
     x: ArrayLike | None = None,
     y: ArrayLike | None = None,
