@@ -7,7 +7,8 @@ one | frames a second, or milliseconds, given for seconds |
 | norm | half or more of the quaternions, those of norm 0 not counted, are off unit length | \
 scaled, or no quaternions |
 | order | the last component is the largest of the four in more than half of all joints and \
-frames, and twice as often as the first; of four joints or more | (x, y, z, w) for (w, x, y, z) |
+frames, and twice as often as the first; of 4 joints and 20 rotations or more | (x, y, z, w) for \
+(w, x, y, z) |
 | degrees | in a twentieth of all steps of the joints that turn, ten steps or more, they turn \
 faster than 20 radians a second | degrees taken for radians |
 
@@ -22,7 +23,7 @@ _RATES = (12, 15, 20, 24, 25, 30, 48, 50, 60, 72, 75, 90, 100, 120, 144, 150, 18
 _RATES = (*_RATES, 300, 360, 400, 480, 500, 1000, *(r * 1000 / 1001 for r in (24, 30, 60, 120)))
 RATE_TOLERANCE = 0.005
 _UNIT_TOLERANCE = 1e-3  # of the squared norm
-_LEADS, _TIMES, _JOINTS = 0.5, 2.0, 4
+_LEADS, _TIMES, _JOINTS, _ROTATIONS = 0.5, 2.0, 4, 20
 _FAST, _OFTEN, _STEPS = 20.0, 0.05, 10  # radians a second
 _TURNS = 1e-6  # radians; less is rounding
 _ALIKE = 0.01  # share by which norms differ that were scaled alike
@@ -63,9 +64,11 @@ def doubt_rotations(q: Float[np.ndarray, "time joint 4"]) -> tuple[str, str] | N
             return "norm", f"{text}are they scaled? quaternion.normalize undoes it"
         ways = "quaternion.from_euler takes angles, exp rotation vectors"
         return "norm", f"{text}are they quaternions? {ways}"
+    if q.shape[-2] < _JOINTS or counts.sum() < _ROTATIONS:
+        return None
     largest = np.argmax(np.abs(q[counts]), axis=-1)
     first, last = np.mean(largest == 0), np.mean(largest == 3)
-    if q.shape[-2] >= _JOINTS and last > max(_LEADS, _TIMES * first):
+    if last > max(_LEADS, _TIMES * first):
         text = (
             f"the last component of rotations is the largest in {100 * last:.0f} % of joints and "
             f"frames, the first in {100 * first:.0f} %; are they (x, y, z, w)? "

@@ -84,7 +84,11 @@ class Motion(Portable):
         joints = skeleton.num_joints
         shape = np.shape(rotations)
         if len(shape) < 3 or shape[-2:] != (joints, 4):
-            raise ValueError(f"Motion: rotations must have shape (T, {joints}, 4), got {shape}")
+            ways = "; quaternion.from_euler takes angles, exp rotation vectors"
+            hint = ways if shape[-2:] == (joints, 3) else ""
+            raise ValueError(
+                f"Motion: rotations must have shape (T, {joints}, 4), got {shape}{hint}"
+            )
         if np.shape(translations) != (*shape[:-1], 3):
             raise ValueError(
                 f"Motion: translations must have shape {(*shape[:-1], 3)} like the rotations, "
@@ -109,7 +113,7 @@ class Motion(Portable):
             wrong = not all(0 < s < math.inf for s in seconds)
             require(None, wrong, "Motion: frame_time must be a time above 0", got=frame_time)
             if not isinstance(frame_time, jax.Array) and min(seconds, default=0) > _LONG:
-                doubt("Motion", doubt_frame_time(seconds[0]))
+                doubt("Motion", doubt_frame_time(float(seconds[0])))
         self.skeleton = skeleton
         self.translations = translations
         self.rotations = rotations
@@ -131,8 +135,10 @@ class Motion(Portable):
         **Returns:** a motion in the dtype of the rotations.
         **Raises:** as the class.
         """
-        root, rotations = floating("Motion", root_positions=root_positions, rotations=rotations)
-        _doubt_rotations("Motion", rotations)
+        root, rotations = floating(
+            "Motion.from_root", root_positions=root_positions, rotations=rotations
+        )
+        _doubt_rotations("Motion.from_root", rotations)
         root, rotations = jnp.asarray(root), jnp.asarray(rotations)
         translations = _with_root(skeleton.offsets, root, rotations)
         return cls(skeleton, translations, rotations, frame_time, translated_joints=(0,), **kwargs)
