@@ -50,8 +50,11 @@ class Motion(Portable):
       (:mod:`jaxmotion._file_facts`): clips that differ in nothing else share compiled functions,
       can be stacked, and have, under a caller's ``jax.jit``, the text of the first clip traced.
 
-    **Raises:** ``ValueError`` when shapes do not fit the skeleton, a translated joint is none, or
-    the frame time is known not to be positive and finite.
+    **Raises:** ``ValueError`` when shapes do not fit the skeleton, numbers are whole where they
+    must be floating-point, a translated joint is none, or the frame time is known not to be
+    positive and finite. **Warns:** where what is given, by Python or NumPy, is most likely meant in
+    another convention: rotations (x, y, z, w) or of other norms, a frame rate for the frame time
+    (:func:`jaxmotion.check` looks at all of a clip); of float64 where JAX has 64-bit types off.
 
     **Example:**
 
@@ -126,14 +129,22 @@ class Motion(Portable):
 
     @classmethod
     def from_root(
-        cls, skeleton: Skeleton, root_positions, rotations, frame_time, **kwargs
+        cls,
+        skeleton: Skeleton,
+        root_positions,
+        rotations,
+        frame_time,
+        *,
+        frame_time_text: str | None = None,
     ) -> "Motion":
         """A clip whose joints keep their offsets and only the root is translated.
 
-        **Arguments:** ``skeleton``: of J joints; ``root_positions``: f[T, 3], world; ``rotations``:
-        f[T, J, 4]; ``frame_time``: seconds; ``kwargs``: as the class takes them.
+        **Arguments:** ``skeleton``: of J joints; ``root_positions``: f[T, 3], world, file unit;
+        ``rotations``: f[T, J, 4], local unit quaternions (w, x, y, z); ``frame_time``: seconds, >
+        0; ``frame_time_text``: how a file spelt the frame time.
         **Returns:** a motion in the dtype of the rotations.
-        **Raises:** as the class.
+        **Raises:** ``ValueError`` when shapes do not fit the skeleton, numbers are whole where they
+        must be floating-point, or the frame time is known not to be positive and finite.
         """
         root, rotations = floating(
             "Motion.from_root", root_positions=root_positions, rotations=rotations
@@ -141,7 +152,14 @@ class Motion(Portable):
         _doubt_rotations("Motion.from_root", rotations)
         root, rotations = jnp.asarray(root), jnp.asarray(rotations)
         translations = _with_root(skeleton.offsets, root, rotations)
-        return cls(skeleton, translations, rotations, frame_time, translated_joints=(0,), **kwargs)
+        return cls(
+            skeleton,
+            translations,
+            rotations,
+            frame_time,
+            translated_joints=(0,),
+            frame_time_text=frame_time_text,
+        )
 
     @property
     def num_frames(self) -> int:
@@ -205,9 +223,13 @@ class Motion(Portable):
 
         With the frame time, how the file spelt it is left out.
 
-        **Arguments:** ``changes``: fields of the class by name.
+        **Arguments:** ``changes``: of ``skeleton``, ``translations`` f[T, J, 3], ``rotations``
+        f[T, J, 4], ``frame_time`` in seconds, ``translated_joints`` and ``frame_time_text``, those
+        that are to change, by name.
         **Returns:** a new motion.
-        **Raises:** ``ValueError`` for what is no field, and as the class.
+        **Raises:** ``ValueError`` for another name, shapes that do not fit together, whole numbers
+        where floating-point ones are needed, a translated joint that is none, or a frame time known
+        not to be positive and finite.
         """
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         if unknown := sorted(set(changes) - set(fields)):
@@ -224,7 +246,8 @@ class Motion(Portable):
         **Arguments:** ``translations``: f[T, J, 3]; ``rotations``: f[T, J, 4]; of any number of
         frames, None to keep those there are.
         **Returns:** a new motion.
-        **Raises:** as the class.
+        **Raises:** ``ValueError`` for shapes that do not fit each other or the skeleton, and whole
+        numbers.
         """
         given = {"translations": translations, "rotations": rotations}
         return self.replace(**{name: x for name, x in given.items() if x is not None})

@@ -72,7 +72,7 @@ class Skeleton(Portable):
     - ``encoding``: of the text the names were read from, and are written in again; a file fact.
     - ``conventions``: what is told and what assumed, a :class:`Conventions`; a file fact.
 
-    **Raises:** ``ValueError`` when the pieces do not fit together.
+    **Raises:** ``ValueError`` when the pieces do not fit together, or offsets are whole numbers.
 
     **Example:**
 

@@ -71,7 +71,7 @@ def synthesize(
         return edit
     one = jnp.ones((), layers.base.dtype)
     original = _synthesize(layers, one, one, one)
-    return spacetime.keep_contacts(edit, original, keep_contacts)
+    return spacetime.keep_contacts(edit, original=original, contacts=keep_contacts)
 
 
 def _edited(
@@ -189,7 +189,7 @@ def stylize(
     one = jnp.ones((), motion.dtype)
     layers = layers_of(motion, weights, gamma, one, one)
     edit = _edited("stylize", layers, alpha, residual, alpha)
-    return spacetime.keep_contacts(edit, motion, keep_contacts, length=length)
+    return spacetime.keep_contacts(edit, original=motion, contacts=keep_contacts, length=length)
 
 
 def joint_weights(

@@ -56,8 +56,7 @@ def time_warp(
 ) -> Motion:
     """A clip with another timing.
 
-    O(T·J). Differentiable in the motion, ``amount``, ``pairs`` and ``ease``. Source: Eom et al.
-    §5.3.
+    O(T·J). Differentiable in motion, ``amount``, ``pairs`` and ``ease``. Source: Eom et al. §5.3.
 
     **Arguments:**
 
@@ -68,7 +67,8 @@ def time_warp(
       strictly increasing: what happens then happens at that time, and speed never jumps. The clip
       starts at 0, and after the last pair takes the time it takes.
     - ``ease``: seconds of the result over which it leaves rest, and comes to rest.
-    - ``num_frames``: of the result, by default as the module says; needed for a traced duration.
+    - ``num_frames``: of the result, which is stretched to them; by default those of (1 + a) times
+      the duration and half of what is eased; needed where that is traced.
     - ``method``, ``smoothing``, ``signs``: as :func:`jaxmotion.resample`.
     - ``alpha``, ``residual``: gains of style and noise of the retimed signal, as
       :func:`jaxmotion.stylize`; without them it is left as it is.
@@ -119,7 +119,7 @@ def time_warp(
     if keep_contacts is False:
         return result
     contacts = detect(motion) if keep_contacts is True else keep_contacts
-    return spacetime.keep_contacts(result, retimed, contacts.at_frames(at))
+    return spacetime.keep_contacts(result, original=retimed, contacts=contacts.at_frames(at))
 
 
 @eqx.filter_jit

@@ -52,8 +52,8 @@ def banded_factor(bands: Float[Array, "n band *k"], *, throw: bool = True) -> Ba
 
     O(n w²). Differentiable, as a scan of length n.
 
-    **Arguments:** ``bands``: f[n, w + 1, *k], P, see the module; ``throw``: whether a P that is not
-    positive definite is an error, else its pivots are not numbers.
+    **Arguments:** ``bands``: f[n, w + 1, *k], of P: ``bands[j, i] = P[j + i, j]``; ``throw``:
+    whether a P that is not positive definite is an error, else its pivots are not numbers.
     **Returns:** :class:`BandedFactor`.
     **Raises:** with ``throw``, ``ValueError`` when P is not positive definite, at run time when it
     is traced.

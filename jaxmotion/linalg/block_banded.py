@@ -59,8 +59,9 @@ def block_banded_factor(
 
     O(T w² d³) a lane. Differentiable, as a scan of length T.
 
-    **Arguments:** ``blocks``: f[T, w + 1, d, d, *k], P, see the module; ``throw``: whether a P that
-    is not positive definite is an error, else the factor is not a number.
+    **Arguments:** ``blocks``: f[T, w + 1, d, d, *k], of P: ``blocks[t, k] = P[t + k, t]``;
+    ``throw``: whether a P that is not positive definite is an error, else the factor is not a
+    number.
     **Returns:** :class:`BlockBandedFactor`.
     **Raises:** with ``throw``, ``ValueError`` when P is not positive definite, at run time when it
     is traced.

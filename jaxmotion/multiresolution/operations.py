@@ -80,7 +80,7 @@ def _scaled(pyramid: Pyramid, gains: Array, keep_contacts: Contacts | bool, call
     if keep_contacts is False:
         return edit
     return spacetime.keep_contacts(
-        edit, pyramid.reconstruct(), keep_contacts, length=pyramid.length
+        edit, original=pyramid.reconstruct(), contacts=keep_contacts, length=pyramid.length
     )
 
 
@@ -122,7 +122,7 @@ def blend(
     check_kept(second, keep_contacts, "blend")
     alike = (with_moving_joints(m, moving) for m in (reference, first, second))
     mixed = _blend(*(build_pyramid(m, levels, times=times) for m in alike))
-    return spacetime.keep_contacts(mixed, second, keep_contacts)
+    return spacetime.keep_contacts(mixed, original=second, contacts=keep_contacts)
 
 
 @compiled

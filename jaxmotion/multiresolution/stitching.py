@@ -95,7 +95,7 @@ def stitch(
             clip = _follow(joined, clip)
         joined, unseamed = _stitch(joined, clip, depth), _end_to_end(unseamed, clip)
     check_kept(joined, keep_contacts, "stitch")
-    return spacetime.keep_contacts(joined, unseamed, keep_contacts)
+    return spacetime.keep_contacts(joined, original=unseamed, contacts=keep_contacts)
 
 
 @static("search")

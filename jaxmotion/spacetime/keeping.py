@@ -45,9 +45,12 @@ def keep_contacts(
 ) -> Motion:
     """The edit with the contacts of the original.
 
-    **Arguments:** ``edit``, ``original``: T frames each, of one skeleton; ``contacts``: those to
-    keep, T frames, or True to find them on the original (outside of ``jit`` and ``vmap``), or False
-    for none; ``length``: number of frames that count, the first ones, for padded clips.
+    ``keep_contacts(edit, original=motion)`` or, in this order, ``keep_contacts(edit, motion)``.
+
+    **Arguments:** ``edit``: T frames, what is to be changed; ``original``: T frames of the same
+    skeleton, what ``edit`` was made from, whose contacts it gets; ``contacts``: those to keep, T
+    frames, or True to find them on the original (outside of ``jit`` and ``vmap``), or False for
+    none; ``length``: number of frames that count, the first ones, for padded clips.
     **Returns:** a motion of the edit's shape. Differentiable in the edit and the targets.
     **Raises:** ``ValueError`` for clips or contacts of different lengths, or traced clips without
     contacts. **Warns:** :class:`ConvergenceWarning`, outside of ``jit`` and ``vmap``, where the
@@ -65,7 +68,7 @@ def keep_contacts(
             f"contacts are not at rest after {int(report.num_steps)} steps: points are up to "
             f"{float(jnp.max(report.position_error)):.3g} (the file's unit) from their places",
             ConvergenceWarning,
-            stacklevel=2,
+            stacklevel=3,
         )
     return answer
 
