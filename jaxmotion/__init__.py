@@ -11,6 +11,8 @@ Conventions, the same in every room:
 - dtype in = dtype out, float32 or float64. Importing changes no global setting.
 - Wrong shapes and static values raise ``ValueError``; traced trouble raises at run time, or
   becomes NaN, as :func:`jaxmotion.checks` says.
+- Flags, choices and numbers of things are static: under ``jax.jit`` name them in
+  ``static_argnames``.
 - Discrete choices (signs, warp paths, neighbours, thresholds) pass no gradient.
 
 What a room's ``__all__`` names is public; other modules and names are the library's own and may

@@ -168,14 +168,12 @@ def has_type(dtype: Any) -> bool:
     return jax.dtypes.canonicalize_dtype(dtype) == dtype
 
 
-def doubt(caller: str, text: str | None) -> None:
-    """Warn of a likely mistake, if there is a ``text``, at the line that calls the library."""
-    if not text:
-        return
+def warn(caller: str, text: str, category: type[Warning] = UserWarning) -> None:
+    """Warn at the line that calls the library, in the name of the function ``caller``."""
     frame, level = sys._getframe(1), 2
     while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in _INSIDE:
         frame, level = frame.f_back, level + 1
-    warnings.warn(f"{caller}: {text}", stacklevel=level)
+    warnings.warn(f"{caller}: {text}", category, stacklevel=level)
 
 
 def counted(

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import doubt, floating, has_type, known, require, traced
+from jaxmotion._checks import floating, has_type, known, require, traced, warn
 from jaxmotion._file_facts import file_fact
 from jaxmotion._likely import doubt_frame_time, doubt_rotations
 from jaxmotion._portable import Portable
@@ -115,8 +115,9 @@ class Motion(Portable):
             seconds = known(frame_time).ravel().tolist()
             wrong = not all(0 < s < math.inf for s in seconds)
             require(None, wrong, "Motion: frame_time must be a time above 0", got=frame_time)
-            if not isinstance(frame_time, jax.Array) and min(seconds, default=0) > _LONG:
-                doubt("Motion", doubt_frame_time(float(seconds[0])))
+            long = not isinstance(frame_time, jax.Array) and min(seconds, default=0) > _LONG
+            if long and (doubt := doubt_frame_time(float(seconds[0]))):
+                warn("Motion", doubt)
         self.skeleton = skeleton
         self.translations = translations
         self.rotations = rotations
@@ -262,8 +263,8 @@ def _doubt_rotations(caller: str, rotations: AnyArray) -> None:
     """Warn if a few frames, of NumPy's, look like another convention; JAX's may be under way."""
     if isinstance(rotations, np.ndarray) and rotations.size:
         clip = np.asarray(rotations[(0,) * (rotations.ndim - 3)])
-        found = doubt_rotations(clip[:: 1 + len(clip) // _LOOKED_AT])
-        doubt(caller, found and found[1])
+        if doubt := doubt_rotations(clip[:: 1 + len(clip) // _LOOKED_AT]):
+            warn(caller, doubt[1])
 
 
 @one_program()

@@ -12,13 +12,12 @@ Contacts are found with :func:`jaxmotion.contacts.detect`, or given. Cost as
 :func:`jaxmotion.spacetime.satisfy`, O(T) for a body.
 """
 
-import warnings
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 
 from jaxmotion import spacetime
-from jaxmotion._checks import counted, static, traced
+from jaxmotion._checks import counted, static, traced, warn
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, detect, fit_distances
 from jaxmotion.contacts.nearby import contacts_near, motion_near, moved_as, origin_of
@@ -64,11 +63,11 @@ def keep_contacts(
         contacts = detect(original, length=length)
     answer, report = restore(edit, contacts, length=length)
     if not traced(report.converged) and not report.converged:
-        warnings.warn(
+        warn(
+            "keep_contacts",
             f"contacts are not at rest after {int(report.num_steps)} steps: points are up to "
             f"{float(jnp.max(report.position_error)):.3g} (the file's unit) from their places",
             ConvergenceWarning,
-            stacklevel=3,
         )
     return answer
 
