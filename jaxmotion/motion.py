@@ -25,7 +25,7 @@ from jaxmotion.skeleton import Skeleton
 
 __all__ = ["Motion"]
 
-_LOOKED_AT = 64  # frames
+_LOOKED_AT = 16  # frames
 _LONG = 8.0  # seconds: a frame that lasts longer is doubted at the door
 
 
