@@ -11,6 +11,8 @@ Conventions, the same in every room:
 - dtype in = dtype out, float32 or float64. Importing changes no global setting.
 - Wrong shapes and static values raise ``ValueError``; traced trouble raises at run time, or
   becomes NaN, as :func:`jaxmotion.checks` says.
+- Flags, choices and numbers of things are static: under ``jax.jit`` name them in
+  ``static_argnames``.
 - Discrete choices (signs, warp paths, neighbours, thresholds) pass no gradient.
 
 What a room's ``__all__`` names is public; other modules and names are the library's own and may
@@ -38,6 +40,7 @@ _MODULES = (
     "smoothing",
     "spacetime",
     "timing",
+    "viz",
 )
 
 _HOMES = {
@@ -51,6 +54,7 @@ _HOMES = {
     "velocities": "kinematics",
     "MotionLayers": "layers",
     "buckets": "frames.padding",
+    "check": "metrics",
     "checks": "_checks",
     "enable_compilation_cache": "_compilation_cache",
     "decompose": "layers",
@@ -78,6 +82,7 @@ if TYPE_CHECKING:
         smoothing,
         spacetime,
         timing,
+        viz,
     )
     from jaxmotion._checks import checks
     from jaxmotion._compilation_cache import enable_compilation_cache
@@ -94,6 +99,7 @@ if TYPE_CHECKING:
         synthesize,
         time_warp,
     )
+    from jaxmotion.metrics import check
     from jaxmotion.motion import Motion
     from jaxmotion.skeleton import Skeleton
     from jaxmotion.timing import resample
@@ -104,6 +110,7 @@ __all__ = [
     "Skeleton",
     "UpGuess",
     "buckets",
+    "check",
     "checks",
     "contacts",
     "decompose",
@@ -132,6 +139,7 @@ __all__ = [
     "time_warp",
     "timing",
     "velocities",
+    "viz",
 ]
 
 

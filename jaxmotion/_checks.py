@@ -1,9 +1,9 @@
 """Run-time checks: what a wrong value does, everywhere in the package.
 
 A value that is known, of Python, NumPy or JAX, is a ``ValueError``: :func:`one_of` for choices,
-:func:`counted` for how many frames count, :func:`one_number` for what is no array, :func:`require`
-for all others. One that is traced (:func:`traced`) is only known when the program runs, and then
-the setting decides (:func:`checks`):
+:func:`counted` for how many frames count, :func:`one_number` for what is no array, :func:`floating`
+for arrays that are kept, :func:`require` for all others. One that is traced (:func:`traced`) is
+only known when the program runs, and then the setting decides (:func:`checks`):
 
     "raise"   the program stops with the message (``equinox.EquinoxRuntimeError``; under a
               ``jax.jit`` of your own, JAX's ``JaxRuntimeError``), which under ``vmap`` names the
@@ -24,10 +24,13 @@ device stops, the others wait for it until XLA ends the process.
 
 import dataclasses
 import functools
+import inspect
 import os
-from collections.abc import Iterable, Iterator, Sequence
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import Any, Literal, ParamSpec, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -41,8 +44,15 @@ from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 Mode: TypeAlias = Literal["raise", "nan", "off"]
 Fault: TypeAlias = tuple[Bool[Array, ""], str]
 Tree = TypeVar("Tree")
+P = ParamSpec("P")
+R = TypeVar("R")
 
 _MODES = ("raise", "nan", "off")
+_INSIDE = ("jaxmotion", "equinox", "jaxtyping")
+_SHORTENED = (
+    "float64 arrays become float32, as JAX has 64-bit types off; "
+    "jax.config.update('jax_enable_x64', True), before anything else, keeps them"
+)
 _FROM_OUTSIDE = os.environ.get("EQX_ON_ERROR", "raise")
 # Part of the key of every cache of JAX: a function traced under one setting is traced again under
 # another, whoever compiled it.
@@ -89,6 +99,30 @@ def known(value: ArrayLike) -> AnyArray:
     return value if isinstance(value, Tracer) else np.asarray(value)  # type: ignore[return-value]
 
 
+def static(*names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """A decorator of public functions: ``ValueError`` where one of the arguments called ``names``
+    is traced. Flags and numbers of things decide what is compiled."""
+
+    def marked(function: Callable[P, R]) -> Callable[P, R]:
+        parameters = tuple(inspect.signature(function).parameters)
+        places = [(name, parameters.index(name)) for name in names]
+
+        @functools.wraps(function)
+        def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            for name, place in places:
+                value = args[place] if place < len(args) else kwargs.get(name)
+                if isinstance(value, Tracer):
+                    raise ValueError(
+                        f"{function.__name__}: {name} is traced, and must be known when compiling: "
+                        f"jax.jit(..., static_argnames={name!r})"
+                    )
+            return function(*args, **kwargs)
+
+        return call
+
+    return marked
+
+
 def one_of(name: str, value: Any, choices: Iterable[Any]) -> None:
     """``ValueError`` unless ``value`` is one of the choices; ``name`` as in "align: method"."""
     choices = tuple(choices)
@@ -105,6 +139,41 @@ def one_number(name: str, value: Any) -> Any:
     if number.shape != ():
         raise ValueError(f"{name} has shape {number.shape}; expected one number")
     return number
+
+
+def floating(caller: str, *, whole: bool = False, **arrays: Any) -> list[Any]:
+    """The arrays, each of a floating-point type, or ``ValueError``; lists become NumPy's arrays.
+
+    NumPy's of 64 bits, where JAX has none, become float32, which is said once a process; they stay
+    if they are to be ``whole``.
+    """
+    checked = []
+    for name, x in arrays.items():
+        given = hasattr(x, "dtype")
+        x = x if given else np.asarray(x)
+        if not jnp.issubdtype(x.dtype, jnp.floating):
+            raise ValueError(
+                f"{caller}: {name} must be float32 or float64, got {x.dtype}; x.astype(float) is"
+            )
+        if isinstance(x, np.ndarray) and not (whole or has_type(x.dtype)):
+            x = x.astype(jax.dtypes.canonicalize_dtype(x.dtype))
+            if given:
+                warnings.warn(_SHORTENED, stacklevel=1)  # of one place: Python says it once
+        checked.append(x)
+    return checked
+
+
+def has_type(dtype: Any) -> bool:
+    """Whether JAX has such arrays here: it has none of 64 bits unless asked to."""
+    return jax.dtypes.canonicalize_dtype(dtype) == dtype
+
+
+def warn(caller: str, text: str, category: type[Warning] = UserWarning) -> None:
+    """Warn at the line that calls the library, in the name of the function ``caller``."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] in _INSIDE:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(f"{caller}: {text}", category, stacklevel=level)
 
 
 def counted(

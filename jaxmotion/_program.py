@@ -10,6 +10,8 @@ from typing import ParamSpec, TypeVar, cast
 
 import jax
 
+from jaxmotion._checks import static as known_when_compiling
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -18,6 +20,8 @@ def one_program(*static: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """A decorator: one program per shape, and per value of the arguments named ``static``."""
 
     def marked(function: Callable[P, R]) -> Callable[P, R]:
-        return cast(Callable[P, R], jax.jit(function, static_argnames=static, inline=True))
+        program = jax.jit(function, static_argnames=static, inline=True)
+        program = cast(Callable[P, R], program)
+        return known_when_compiling(*static)(program) if static else program
 
     return marked

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import static
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import ArrayLike
 from jaxmotion.displacement import minus, plus
@@ -64,6 +65,7 @@ def _confine(original: Motion, edited: Motion, weight: Array) -> Motion:
     )
 
 
+@static("num_frames", "fade")
 def selection_weights(
     skeleton: Skeleton,
     num_frames: int,

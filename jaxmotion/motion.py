@@ -16,8 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import known, require, traced
+from jaxmotion._checks import floating, has_type, known, require, traced, warn
 from jaxmotion._file_facts import file_fact
+from jaxmotion._likely import doubt_frame_time, doubt_rotations
 from jaxmotion._portable import Portable
 from jaxmotion._program import one_program
 from jaxmotion._summary import batched, called, html_table, kept_as, some, timing
@@ -25,6 +26,9 @@ from jaxmotion._types import AnyArray, Scalar
 from jaxmotion.skeleton import Skeleton
 
 __all__ = ["Motion"]
+
+_LOOKED_AT = 16  # frames
+_LONG = 8.0  # seconds: a frame that lasts longer is doubted at the door
 
 
 class _Kept(NamedTuple):
@@ -48,8 +52,11 @@ class Motion(Portable):
       (:mod:`jaxmotion._file_facts`): clips that differ in nothing else share compiled functions,
       can be stacked, and have, under a caller's ``jax.jit``, the text of the first clip traced.
 
-    **Raises:** ``ValueError`` when shapes do not fit the skeleton, a translated joint is none, or
-    the frame time is known not to be positive and finite.
+    **Raises:** ``ValueError`` when shapes do not fit the skeleton, numbers are whole where they
+    must be floating-point, a translated joint is none, or the frame time is known not to be
+    positive and finite. **Warns:** where what is given, by Python or NumPy, is most likely meant in
+    another convention: rotations (x, y, z, w) or of other norms, a frame rate for the frame time
+    (:func:`jaxmotion.check` looks at all of a clip); of float64 where JAX has 64-bit types off.
 
     **Example:**
 
@@ -82,7 +89,11 @@ class Motion(Portable):
         joints = skeleton.num_joints
         shape = np.shape(rotations)
         if len(shape) < 3 or shape[-2:] != (joints, 4):
-            raise ValueError(f"Motion: rotations must have shape (T, {joints}, 4), got {shape}")
+            ways = "; quaternion.from_euler takes angles, exp rotation vectors"
+            hint = ways if shape[-2:] == (joints, 3) else ""
+            raise ValueError(
+                f"Motion: rotations must have shape (T, {joints}, 4), got {shape}{hint}"
+            )
         if np.shape(translations) != (*shape[:-1], 3):
             raise ValueError(
                 f"Motion: translations must have shape {(*shape[:-1], 3)} like the rotations, "
@@ -92,16 +103,28 @@ class Motion(Portable):
             raise ValueError(
                 f"Motion: translated_joints must lie in 0..{joints - 1}, got {translated_joints}"
             )
+        # Unpickled where JAX has no 64-bit types, a motion is whole, and so are its slices.
+        translations, rotations = floating(
+            "Motion",
+            whole=not has_type(skeleton.offsets.dtype),
+            translations=translations,
+            rotations=rotations,
+        )
+        _doubt_rotations("Motion", rotations)
         if isinstance(frame_time, _Kept):
             frame_time = frame_time.seconds
         elif not traced(frame_time):
             seconds = known(frame_time).ravel().tolist()
             wrong = not all(0 < s < math.inf for s in seconds)
             require(None, wrong, "Motion: frame_time must be a time above 0", got=frame_time)
+            long = not isinstance(frame_time, jax.Array) and min(seconds, default=0) > _LONG
+            if long and (doubt := doubt_frame_time(float(seconds[0]))):
+                warn("Motion", doubt)
         self.skeleton = skeleton
         self.translations = translations
         self.rotations = rotations
-        self.frame_time = jnp.asarray(frame_time, rotations.dtype)
+        dtype = jax.dtypes.canonicalize_dtype(rotations.dtype)
+        self.frame_time = jnp.asarray(frame_time, dtype)
         self.translated_joints = (
             tuple(range(joints)) if translated_joints is None else tuple(translated_joints)
         )
@@ -109,19 +132,37 @@ class Motion(Portable):
 
     @classmethod
     def from_root(
-        cls, skeleton: Skeleton, root_positions, rotations, frame_time, **kwargs
+        cls,
+        skeleton: Skeleton,
+        root_positions,
+        rotations,
+        frame_time,
+        *,
+        frame_time_text: str | None = None,
     ) -> "Motion":
         """A clip whose joints keep their offsets and only the root is translated.
 
-        **Arguments:** ``skeleton``: of J joints; ``root_positions``: f[T, 3], world; ``rotations``:
-        f[T, J, 4]; ``frame_time``: seconds; ``kwargs``: as the class takes them.
+        **Arguments:** ``skeleton``: of J joints; ``root_positions``: f[T, 3], world, file unit;
+        ``rotations``: f[T, J, 4], local unit quaternions (w, x, y, z); ``frame_time``: seconds, >
+        0; ``frame_time_text``: how a file spelt the frame time.
         **Returns:** a motion in the dtype of the rotations.
-        **Raises:** as the class.
+        **Raises:** ``ValueError`` when shapes do not fit the skeleton, numbers are whole where they
+        must be floating-point, or the frame time is known not to be positive and finite.
         """
-        rotations = jnp.asarray(rotations)
-        root = jnp.asarray(root_positions)
+        root, rotations = floating(
+            "Motion.from_root", root_positions=root_positions, rotations=rotations
+        )
+        _doubt_rotations("Motion.from_root", rotations)
+        root, rotations = jnp.asarray(root), jnp.asarray(rotations)
         translations = _with_root(skeleton.offsets, root, rotations)
-        return cls(skeleton, translations, rotations, frame_time, translated_joints=(0,), **kwargs)
+        return cls(
+            skeleton,
+            translations,
+            rotations,
+            frame_time,
+            translated_joints=(0,),
+            frame_time_text=frame_time_text,
+        )
 
     @property
     def num_frames(self) -> int:
@@ -185,9 +226,13 @@ class Motion(Portable):
 
         With the frame time, how the file spelt it is left out.
 
-        **Arguments:** ``changes``: fields of the class by name.
+        **Arguments:** ``changes``: of ``skeleton``, ``translations`` f[T, J, 3], ``rotations``
+        f[T, J, 4], ``frame_time`` in seconds, ``translated_joints`` and ``frame_time_text``, those
+        that are to change, by name.
         **Returns:** a new motion.
-        **Raises:** ``ValueError`` for what is no field, and as the class.
+        **Raises:** ``ValueError`` for another name, shapes that do not fit together, whole numbers
+        where floating-point ones are needed, a translated joint that is none, or a frame time known
+        not to be positive and finite.
         """
         fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
         if unknown := sorted(set(changes) - set(fields)):
@@ -204,7 +249,8 @@ class Motion(Portable):
         **Arguments:** ``translations``: f[T, J, 3]; ``rotations``: f[T, J, 4]; of any number of
         frames, None to keep those there are.
         **Returns:** a new motion.
-        **Raises:** as the class.
+        **Raises:** ``ValueError`` for shapes that do not fit each other or the skeleton, and whole
+        numbers.
         """
         given = {"translations": translations, "rotations": rotations}
         return self.replace(**{name: x for name, x in given.items() if x is not None})
@@ -243,6 +289,14 @@ class Motion(Portable):
         yield "Translated", called([skeleton.names[j] for j in self.translated_joints], 6)
         yield "Up", skeleton.up if known.up == "told" else f"{skeleton.up} ({known.up})"
         yield "Numbers", kept_as(self.rotations)
+
+
+def _doubt_rotations(caller: str, rotations: AnyArray) -> None:
+    """Warn if a few frames, of NumPy's, look like another convention; JAX's may be under way."""
+    if isinstance(rotations, np.ndarray) and rotations.size:
+        clip = np.asarray(rotations[(0,) * (rotations.ndim - 3)])
+        if doubt := doubt_rotations(clip[:: 1 + len(clip) // _LOOKED_AT]):
+            warn(caller, doubt[1])
 
 
 @one_program()

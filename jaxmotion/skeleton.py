@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxmotion._asf_bone import AsfBone
-from jaxmotion._checks import one_of
+from jaxmotion._checks import floating, one_of
 from jaxmotion._file_facts import file_fact
 from jaxmotion._plain import printable
 from jaxmotion._portable import Portable
@@ -76,7 +76,7 @@ class Skeleton(Portable):
 
     Printed, it is a tree: names, and how far from its parent each joint and end site is.
 
-    **Raises:** ``ValueError`` when the pieces do not fit together.
+    **Raises:** ``ValueError`` when the pieces do not fit together, or offsets are whole numbers.
 
     **Example:**
 
@@ -123,9 +123,9 @@ class Skeleton(Portable):
     ):
         self.names = tuple(names)
         self.parents = tuple(int(p) for p in parents)
-        self.offsets = offsets
         self.end_joints = tuple(int(j) for j in end_joints)
-        self.end_offsets = offsets[:0] if end_offsets is None else end_offsets
+        ends = offsets[:0] if end_offsets is None else end_offsets
+        self.offsets, self.end_offsets = floating("Skeleton", offsets=offsets, end_offsets=ends)
         self.end_labels = tuple(end_labels or ("End Site",) * len(self.end_joints))
         self.channels = tuple(tuple(c) for c in channels) if channels else self._default_channels()
         self.asf = tuple(asf)

@@ -181,6 +181,7 @@ RECIPES = {
     "quaternion.from_rotation_6d": recipe(
         lambda f, c: f(quaternion.to_rotation_6d(c.q)), rotations
     ),
+    "quaternion.from_xyzw": recipe(lambda f, c: f(c.q), rotations),
     "quaternion.identity": recipe(lambda f, c: f((3,), c.dtype), skips={"gradients": STATIC}),
     "quaternion.inverse": recipe(lambda f, c: f(c.q), rotations),
     "quaternion.least_energy_signs": recipe(lambda f, c: f(c.q), rotations),
@@ -203,6 +204,7 @@ RECIPES = {
     "quaternion.to_euler[unwrap]": recipe(lambda f, c: f(c.q, unwrap=True), rotations),
     "quaternion.to_matrix": recipe(lambda f, c: f(c.q), rotations),
     "quaternion.to_rotation_6d": recipe(lambda f, c: f(c.q), rotations),
+    "quaternion.to_xyzw": recipe(lambda f, c: f(c.q), rotations),
     "linalg.banded_factor": recipe(lambda f, c: f(bands(c)), weighted, cases=ILL_CONDITIONED),
     "linalg.banded_log_det": recipe(lambda f, c: f(bands(c)), weighted, cases=ILL_CONDITIONED),
     "linalg.banded_matvec": recipe(
@@ -422,6 +424,7 @@ RECIPES = {
         lambda f, c: f(c.motion, c.contacts, method="hierarchical"), planted, ITERATED, coarse=1e5
     ),
     "metrics.bend": measured(lambda f, c: f(c.motion)),
+    "metrics.check": measured(lambda f, c: [p.frame or 0 for p in f(c.motion)]),
     "metrics.contact_scores": measured(lambda f, c: f(c.contacts.mask, c.contacts.mask)),
     "metrics.difference": measured(lambda f, c: f(c.motion, c.other, world=True)),
     "metrics.duplicate_frames": measured(lambda f, c: f(c.motion)),

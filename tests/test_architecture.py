@@ -19,8 +19,8 @@ PACKAGE = Path(jaxmotion.__file__).parent
 FLOORS = (
     (
         *("_types", "_numerics", "_checks", "_autodiff"),
-        *("_portable", "_summary", "_lazy", "_plain", "_file_facts", "_asf_bone", "_program"),
-        "_compilation_cache",
+        *("_portable", "_summary", "_lazy", "_likely", "_plain", "_file_facts", "_asf_bone"),
+        *("_program", "_compilation_cache"),
     ),
     ("quaternion", "linalg", "frames"),
     (
@@ -41,6 +41,7 @@ SIDEWAYS = {
     "_summary": {"_plain", "_file_facts"},
     "_portable": {"_summary"},
     "_asf_bone": {"_portable"},
+    "_program": {"_checks"},
     "motion": {"skeleton"},
     "kinematics": {"skeleton", "motion"},
     "displacement": {"skeleton", "motion"},

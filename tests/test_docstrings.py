@@ -21,6 +21,7 @@ import jaxmotion
 PACKAGE = Path(jaxmotion.__file__).parent
 SECTIONS = ("Arguments", "Returns", "Raises", "Warns", "Example")
 HEADING = re.compile(r"\*\*([\w ]+):\*\*")
+ELSEWHERE = re.compile(r"see\s+the\s+module\b(?!\s+for)|as\s+the\s+(?:class|module)")
 OTHER_FORMS = re.compile(
     r"^ *(Args|Arguments|Parameters|Returns|Raises|Yields|Attributes|Examples?|Notes?):"
     r"|^ *Raises (?!:)|:param\b|:returns?:|^ *-{4,}$",
@@ -61,6 +62,8 @@ def _faults_of_function(function):
     named = re.findall(r"``(\w+)``", sections.get("Arguments", ""))
     if missing := [name for name in signature.parameters if name not in named]:
         yield f"**Arguments:** leaves out {missing}"
+    if elsewhere := ELSEWHERE.findall(" ".join(sections.values())):
+        yield f"{elsewhere} is no help in help(): say it"
     if "Returns" not in sections and signature.return_annotation is not None:
         yield "no **Returns:**"
 
@@ -72,6 +75,9 @@ def _faults_of_class(cls):
     known = {"Fields", *SECTIONS}
     if strange := [head for head in HEADING.findall(doc) if head not in known]:
         yield f"sections {strange}; expected of {known}"
+    for name, method in inspect.getmembers(cls, callable):
+        if name[0] != "_" and ELSEWHERE.search(inspect.getdoc(method) or ""):
+            yield f"{name}: {ELSEWHERE.search(inspect.getdoc(method))[0]}"
     named = re.findall(r"``(\w+)``", doc)
     given = inspect.signature(cls).parameters if issubclass(cls, eqx.Module) else ()
     if missing := [name for name in given if name[0] != "_" and name not in named]:

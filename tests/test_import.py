@@ -22,6 +22,26 @@ def test_importing_does_not_import_jax():
     """)
 
 
+def test_pictures_are_there_and_load_matplotlib_when_they_are_drawn():
+    """And a notebook that has not imported pyplot shows them."""
+    _run("""
+        import sys
+        import numpy as np
+        import jaxmotion as jm
+        assert "viz" in dir(jm)
+        assert "plot_contacts" in dir(jm.viz)
+        assert "matplotlib" not in sys.modules
+        skeleton = jm.Skeleton(["root", "tip"], [-1, 0], np.ones((2, 3), "float32"))
+        points = jm.contacts.ContactPoints(skeleton, [])
+        none = jm.contacts.Contacts(points, np.zeros((4, 0), bool), np.zeros((4, 0, 3), "float32"))
+        q = np.tile(np.eye(4, dtype="float32")[0], (4, 2, 1))
+        motion = jm.Motion(skeleton, np.ones((4, 2, 3), "float32"), q, 0.1)
+        figure = jm.viz.plot_contacts(motion, none)
+        assert "matplotlib.pyplot" not in sys.modules
+        assert figure._repr_png_().startswith(bytes([0x89]) + b"PNG")
+    """)
+
+
 def test_help_does_not_import_jax():
     help_text = _run("""
         import sys

@@ -1,13 +1,21 @@
 """Clips: slicing, copies with other arrays, and their life as pytrees."""
 
+import warnings
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmotion import Motion
-from tests.helpers import assert_trees_close, no_shape_checks, random_motion, random_skeleton
+from jaxmotion import Motion, Skeleton, joint_weights
+from tests.helpers import (
+    assert_trees_close,
+    no_shape_checks,
+    random_motion,
+    random_skeleton,
+    single_precision,
+)
 
 
 @pytest.fixture
@@ -212,3 +220,70 @@ def test_frame_times_are_positive_where_they_are_known(motion):
     assert shapes.frame_time == ()
     change = jax.tree.map(lambda x: -x, motion)  # as a derivative may be
     assert change.with_transforms(change.translations).frame_time < 0
+
+
+def test_whole_numbers_are_refused(motion):
+    q, t = np.asarray(motion.rotations), np.asarray(motion.translations)
+    whole = r"rotations must be float32 or float64, got int64"
+    with pytest.raises(ValueError, match=f"Motion: {whole}"):
+        Motion(motion.skeleton, t, q.astype(int), 0.04)
+    with pytest.raises(ValueError, match=f"Motion: {whole}"):
+        motion.replace(rotations=jnp.asarray(q.astype(int)))
+    with pytest.raises(ValueError, match=rf"Motion\.from_root: {whole}"):
+        Motion.from_root(motion.skeleton, t[:, 0], q.astype(int), 0.04)
+    with pytest.raises(ValueError, match="Motion: translations must be float32 or float64, got in"):
+        Motion(motion.skeleton, t.astype(int), q, 0.04)
+    with pytest.raises(ValueError, match="Skeleton: offsets must be float32 or float64, got int64"):
+        Skeleton(["root", "tip"], [-1, 0], np.array([[0, 0, 0], [0, 1, 0]]))
+    with pytest.raises(ValueError, match=r"got \(10, 4, 3\); quaternion.from_euler takes angles"):
+        Motion(motion.skeleton, t, q[..., :3], 0.04)
+
+
+def test_numbers_of_another_convention_are_doubted_where_the_motion_is_made(motion):
+    t = np.asarray(motion.translations)
+    still = np.tile(np.eye(4)[0], (10, 4, 1))
+    for rotations, seconds, words in (
+        (np.roll(still, -1, -1), 0.04, r"are they \(x, y, z, w\)\?"),
+        (2 * still, 0.04, "norms of about 2"),
+        (still, 30, "is it a rate, 30 frames a second"),
+        (still, np.float64(33.3333), "is it milliseconds, 30 frames a second"),
+    ):
+        with pytest.warns(UserWarning, match=f"Motion: .*{words}") as told:
+            Motion(motion.skeleton, t, rotations, seconds)
+        assert [warning.filename for warning in told] == [__file__]
+    with pytest.warns(UserWarning, match="norms of about 2"):
+        Motion.from_root(motion.skeleton, t[:, 0], 2 * still, 0.04)
+    with pytest.warns(UserWarning, match="a rate, 25 frames"):
+        motion.replace(frame_time=25)
+
+
+def test_what_is_computed_or_no_mistake_is_not_doubted(motion):
+    """JAX's arrays may not be there yet; long frames come from slices."""
+    q = motion.rotations
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Motion(motion.skeleton, motion.translations, 2 * jnp.asarray(q), jnp.asarray(30.0))
+        jax.jit(lambda m: m.replace(rotations=2 * m.rotations, frame_time=m.times[-1] * 100))(
+            motion
+        )
+        long = random_motion(np.random.default_rng(0), 900, 3)[::750]
+        np.testing.assert_allclose(long.frame_time, 25)
+        motion.replace(frame_time=7.0)
+        Motion(motion.skeleton, np.zeros((0, 4, 3)), np.zeros((0, 4, 4)), 0.04)
+
+
+def test_float64_where_jax_has_none_is_said_once():
+    skeleton = random_skeleton(np.random.default_rng(0), 4)
+    names, parents, offsets = skeleton.names, skeleton.parents, np.asarray(skeleton.offsets)
+    q, t = np.tile(np.eye(4)[0], (6, 4, 1)), np.ones((6, 4, 3))
+    with single_precision(), warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("default")
+        skeleton = Skeleton(names, parents, offsets)
+        motion = Motion(skeleton, t, q, 0.04)
+        other = motion[::2].replace(rotations=q[::2], frame_time=np.float64(0.1))
+        rooted = Motion.from_root(skeleton, t[:, 0], q, 0.04)
+        leaves = jax.tree.leaves((motion, other, rooted, other.times, joint_weights(skeleton, {})))
+    assert {leaf.dtype for leaf in leaves} == {np.dtype(np.float32)}
+    [only] = [str(warning.message) for warning in told]
+    assert "float64 arrays become float32" in only
+    assert "jax_enable_x64" in only

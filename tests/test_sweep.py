@@ -52,6 +52,7 @@ SLOW = {
     "layers.time_warp",
     "linalg.block_banded_factor",
     "linalg.parallel_chain_smooth",
+    "metrics.check",
     "metrics.find_problems",
     "multiresolution.best_cut",
     "multiresolution.blend",

@@ -327,7 +327,9 @@ def _load_preset(ctx: click.Context, param: click.Parameter, value: Path | None)
     commands = group.list_commands(parent) if isinstance(group, click.Group) and parent else []
     tables = {name: table.pop(name) for name in commands if isinstance(table.get(name), dict)}
     mine = tables.get(ctx.info_name or "", {})
-    options = {_flag(p): p for p in ctx.command.params if isinstance(p, click.Option)}
+    options = {
+        name: p for p in ctx.command.params if isinstance(p, click.Option) for name in _flags(p)
+    }
     typos = {key for key in mine if _spelt(key) not in options}
     typos |= {key for key in table if _spelt(key) not in options.keys() | _all_flags(parent)}
     if typos:
@@ -348,15 +350,17 @@ def _all_flags(table: click.Context | None) -> set[str]:
         return set()
     commands = (table.command.get_command(table, n) for n in table.command.list_commands(table))
     params = (param for command in commands if command for param in command.params)
-    return {_flag(param) for param in params if isinstance(param, click.Option)}
+    return {name for param in params if isinstance(param, click.Option) for name in _flags(param)}
 
 
 def _spelt(key: str) -> str:
     return key.replace("_", "-")
 
 
-def _flag(option: click.Option) -> str:
-    return max(option.opts, key=len).lstrip("-")
+def _flags(option: click.Option) -> list[str]:
+    """Its names without the dashes; the short one too only where there is no other."""
+    long = [name for name in option.opts if name.startswith("--")]
+    return [name.lstrip("-") for name in long or option.opts]
 
 
 def _as_typed(entry: Any) -> Any:

@@ -44,7 +44,9 @@ def _plot_suffix(ctx: click.Context, param: click.Parameter, value: Path | None)
     "posture).",
 )
 @click.option(
+    "--step-pattern",
     "--steps",
+    "steps",
     type=click.Choice(_PATTERNS),
     default="symmetric",
     show_default=True,

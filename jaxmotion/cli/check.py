@@ -45,6 +45,8 @@ def command(
     unreadable  the file cannot be understood     repaired   it could, after a repair
     nan         values that are not numbers       empty      fewer than two frames
     rate        an unusual frame rate             duplicate  frames that repeat the one before
+    order, norm  rotations that are (x, y, z, w), or no unit quaternions
+    dtype       arrays of other or mixed types    degrees    turns as fast as degrees for radians
     jump        a turn of over 120° in one frame  spike      a joint out for one frame
     first       a first frame (a rest pose) that stands apart
     up          the figure stands along another axis than points up (--up says which)

@@ -37,6 +37,7 @@ _WAYS = ("legs", "root", "spacetime")
     help="How to find contacts: segments at rest, or points that are low and slow.",
 )
 @click.option(
+    "--joints",
     "--joint",
     "joints",
     multiple=True,
@@ -105,7 +106,7 @@ def edit(motion: "Motion", length: int, *, finding: Any, way: str) -> "Motion":
     if not found.names:
         raise ValueError(_NO_FEET)
     if way == "spacetime":
-        return jm.spacetime.keep_contacts(motion, motion, found, length=length)
+        return jm.spacetime.keep_contacts(motion, original=motion, contacts=found, length=length)
     cleanup = jm.contacts.cleanup_footskate if way == "legs" else jm.contacts.cleanup_root
     return cleanup(motion, found, length=length)
 

@@ -30,7 +30,9 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
     help="How rotations are smoothed: fast, or exactly on the rotations.  [default: chordal]",
 )
 @click.option(
+    "--tune/--no-tune",
     "--auto/--paper",
+    "auto",
     default=None,
     help="Learn the smoothness of every joint from the clip, or take the paper's.  [default: auto]",
 )

@@ -45,13 +45,22 @@ class Timing:
 @click.command(short_help="Change the frame rate or the timing.")
 @batch_options
 @click.option("--to-fps", type=_POSITIVE, help="Frame rate of the outputs, such as 24 or 23.976.")
-@click.option("--frames", type=click.IntRange(1), help="Number of frames, over the same duration.")
 @click.option(
+    "--num-frames",
+    "--frames",
+    "frames",
+    type=click.IntRange(1),
+    help="Number of frames, over the same duration.",
+)
+@click.option(
+    "--amount",
     "--slow",
+    "slow",
     type=_SECONDS,
     help="Slow down where much happens: 0.25 makes a clip a quarter longer.",
 )
 @click.option(
+    "--pairs",
     "--at",
     "pairs",
     type=When(),

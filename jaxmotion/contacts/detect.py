@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import counted, one_number, one_of, require, traced
+from jaxmotion._checks import counted, one_number, one_of, require, static, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._room import room_for
 from jaxmotion._types import ScalarLike
@@ -50,6 +50,7 @@ _NEAR = 0.02  # of the limb's length: heights over the level that a segment at r
 _SHARPNESS = 8.0
 
 
+@static("window")
 def detect(
     motion: Motion,
     *,
@@ -63,14 +64,14 @@ def detect(
 ) -> Contacts:
     """Find the contacts of a motion.
 
-    **Arguments:** ``motion``: T frames, J joints; ``method``: "segments" or "thresholds", see the
-    module; ``points``: which points may touch, by default the heels and balls of the feet
-    (:func:`find_feet`); ``joints``: names or numbers of joints whose origins may touch, instead of
-    ``points``; ``floor``: "auto" asks that a point be near its own lowest level, a number (file
-    unit) that it be near this height, None nothing; ``window``: frames in 0.08 s, static, by
-    default from the frame time and at least 3; ``tolerance``: what every threshold is multiplied
-    by; ``length``: number of frames that count, the first ones, for padded clips; of fewer than a
-    window "segments" finds no contacts.
+    **Arguments:** ``motion``: T frames, J joints; ``method``: "segments" (a fixed point in the
+    segment that carries it) or "thresholds" (low and slow); ``points``: which points may touch, by
+    default the heels and balls of the feet (:func:`find_feet`); ``joints``: names or numbers of
+    joints whose origins may touch, instead of ``points``; ``floor``: "auto" asks that a point be
+    near its own lowest level, a number (file unit) that it be near this height, None nothing;
+    ``window``: frames in 0.08 s, static, by default from the frame time and at least 3;
+    ``tolerance``: what every threshold is multiplied by; ``length``: number of frames that count,
+    the first ones, for padded clips; of fewer than a window "segments" finds no contacts.
     **Returns:** :class:`Contacts` of T frames and C points, C = 0 for a skeleton without feet. A
     clip of one frame has no motion: what is low touches.
     **Raises:** ``ValueError`` for an unknown method or floor, both points and joints, a joint that

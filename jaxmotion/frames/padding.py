@@ -18,12 +18,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Shaped
 
-from jaxmotion._checks import traced
+from jaxmotion._checks import static, traced
 from jaxmotion._types import AnyArray
 
 _SIZES = (128, 512, 2048)
 
 
+@static("num_frames", "smallest")
 def bucket_size(num_frames: int, smallest: int = 16) -> int:
     """The smallest of ``smallest · (1, 1½, 2, 3, 4, 6, 8, …)`` that holds a clip.
 
@@ -43,6 +44,7 @@ def bucket_size(num_frames: int, smallest: int = 16) -> int:
     return size
 
 
+@static("size")
 def pad_to_bucket(
     clip: Shaped[AnyArray, "frames ..."], size: int | None = None
 ) -> tuple[Shaped[AnyArray, "size ..."], int]:

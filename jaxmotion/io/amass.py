@@ -114,8 +114,8 @@ def load_amass(
     """Read an AMASS motion.
 
     **Arguments:** ``path``: the file; ``offsets``: f[J, 3], metres, of the subject's joints from
-    their parents at rest (the pelvis from the model's origin); by default the nominal adult's (see
-    the module) of ``height`` metres; ``height``: of the nominal adult, metres; ``fps``: frames a
+    their parents at rest (the pelvis from the model's origin); by default those of a nominal adult
+    of ``height`` metres; ``height``: of the nominal adult, metres; ``fps``: frames a
     second, to overrule the file's or where it tells none; ``up``: the axis that points up in the
     file, by default z, as in AMASS itself, or "auto" for a guess (:func:`jaxmotion.reorient` turns
     the motion); ``dtype``: float32 or float64, by default JAX's.

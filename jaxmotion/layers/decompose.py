@@ -29,7 +29,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
-from jaxmotion._checks import counted, known, one_number, one_of, require, traced
+from jaxmotion._checks import counted, known, one_number, one_of, require, static, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._room import Room, room_for
@@ -81,6 +81,7 @@ class MotionLayers(Portable):
         yield f"base λ={brief(self.lam)} σ={brief(self.sigma)}"
 
 
+@static("order")
 def decompose(
     motion: Motion,
     *,

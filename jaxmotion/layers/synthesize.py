@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import spacetime
+from jaxmotion._checks import static
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
@@ -33,6 +34,7 @@ from jaxmotion.smoothing import outlier_weights
 from jaxmotion.smoothing.lgs import check_positive
 
 
+@static("keep_contacts")
 def synthesize(
     layers: MotionLayers,
     alpha: ArrayLike = 1.0,
@@ -70,7 +72,7 @@ def synthesize(
         return edit
     one = jnp.ones((), layers.base.dtype)
     original = _synthesize(layers, one, one, one)
-    return spacetime.keep_contacts(edit, original, keep_contacts)
+    return spacetime.keep_contacts(edit, original=original, contacts=keep_contacts)
 
 
 def _edited(
@@ -91,6 +93,7 @@ def _synthesize(layers: MotionLayers, turning: Array, moving: Array, residual: A
     return plus(plus(layers.base, control), layers.residual.scale(residual))
 
 
+@static("tune", "robust")
 def denoise(
     motion: Motion,
     *,
@@ -155,6 +158,7 @@ def _without_noise(
     return plus(clean, minus(motion, clean).scale(kept))
 
 
+@static("keep_contacts")
 def stylize(
     motion: Motion,
     alpha: ArrayLike,
@@ -194,7 +198,7 @@ def stylize(
     one = jnp.ones((), motion.dtype)
     layers = layers_of(roomy, weights, gamma, one, one)
     edit = room.cut(_edited("stylize", layers, alpha, residual, alpha))
-    return spacetime.keep_contacts(edit, motion, keep_contacts, length=length)
+    return spacetime.keep_contacts(edit, original=motion, contacts=keep_contacts, length=length)
 
 
 def joint_weights(

@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion, spacetime
-from jaxmotion._checks import known, require, traced
+from jaxmotion._checks import known, require, static, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts, detect
@@ -39,6 +39,7 @@ _MEMORY = 0.1  # seconds over which speed is averaged
 _NEARLY = 1e-3  # frames; times are written with few digits
 
 
+@static("num_frames", "keep_contacts")
 def time_warp(
     motion: Motion,
     *,
@@ -55,8 +56,7 @@ def time_warp(
 ) -> Motion:
     """A clip with another timing.
 
-    O(T·J). Differentiable in the motion, ``amount``, ``pairs`` and ``ease``. Source: Eom et al.
-    §5.3.
+    O(T·J). Differentiable in motion, ``amount``, ``pairs`` and ``ease``. Source: Eom et al. §5.3.
 
     **Arguments:**
 
@@ -67,7 +67,8 @@ def time_warp(
       strictly increasing: what happens then happens at that time, and speed never jumps. The clip
       starts at 0, and after the last pair takes the time it takes.
     - ``ease``: seconds of the result over which it leaves rest, and comes to rest.
-    - ``num_frames``: of the result, by default as the module says; needed for a traced duration.
+    - ``num_frames``: of the result, which is stretched to them; by default those of (1 + a) times
+      the duration and half of what is eased; needed where that is traced.
     - ``method``, ``smoothing``, ``signs``: as :func:`jaxmotion.resample`.
     - ``alpha``, ``residual``: gains of style and noise of the retimed signal, as
       :func:`jaxmotion.stylize`; without them it is left as it is.
@@ -118,7 +119,7 @@ def time_warp(
     if keep_contacts is False:
         return result
     contacts = detect(motion) if keep_contacts is True else keep_contacts
-    return spacetime.keep_contacts(result, retimed, contacts.at_frames(at))
+    return spacetime.keep_contacts(result, original=retimed, contacts=contacts.at_frames(at))
 
 
 @eqx.filter_jit

@@ -28,7 +28,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from jaxmotion._checks import require
+from jaxmotion._checks import require, static
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
 
@@ -46,13 +46,14 @@ class BandedFactor(Portable):
     pivots: Float[Array, "n *k"]
 
 
+@static("throw")
 def banded_factor(bands: Float[AnyArray, "n band *k"], *, throw: bool = True) -> BandedFactor:
     """Factor ``P = L D L^T``.
 
     O(n w²). Differentiable, as a scan of length n.
 
-    **Arguments:** ``bands``: f[n, w + 1, *k], P, see the module; ``throw``: whether a P that is not
-    positive definite is an error, else its pivots are not numbers.
+    **Arguments:** ``bands``: f[n, w + 1, *k], of P: ``bands[j, i] = P[j + i, j]``; ``throw``:
+    whether a P that is not positive definite is an error, else its pivots are not numbers.
     **Returns:** :class:`BandedFactor`.
     **Raises:** with ``throw``, ``ValueError`` when P is not positive definite, at run time when it
     is traced.
@@ -79,6 +80,7 @@ def banded_matvec(bands: Float[AnyArray, "n band *k"], x: Float[AnyArray, "n *ch
     return total
 
 
+@static("throw")
 def banded_solve(
     bands: Float[AnyArray, "n band *k"], b: Float[AnyArray, "_ *channels"], *, throw: bool = True
 ) -> Array:
@@ -112,7 +114,6 @@ def _solve(bands: Array, factor: BandedFactor, b: Array) -> Array:
     return lax.custom_linear_solve(partial(banded_matvec, bands), b, solve, symmetric=True)
 
 
-@jax.custom_jvp
 def banded_log_det(bands: Float[AnyArray, "n band *k"]) -> Array:
     """``log det P``.
 
@@ -121,16 +122,21 @@ def banded_log_det(bands: Float[AnyArray, "n band *k"]) -> Array:
     **Arguments:** ``bands``: f[n, w + 1, *k], P.
     **Returns:** f[*k]; not a number when P is not positive definite.
     """
+    return _log_det(bands)
+
+
+@jax.custom_jvp
+def _log_det(bands: Float[AnyArray, "n band *k"]) -> Array:
     return jnp.sum(jnp.log(_factor(bands)[0].pivots), axis=0)
 
 
-@banded_log_det.defjvp
-def _banded_log_det_jvp(primals, tangents):
+@_log_det.defjvp
+def _log_det_jvp(primals, tangents):
     (bands,), (change,) = primals, tangents
     inside = _inside(bands)
     inverse = banded_selected_inverse(_factor(bands)[0])
     rate = jnp.where(inside, change * inverse, 0)
-    return banded_log_det(bands), jnp.sum(2 * rate, axis=(0, 1)) - jnp.sum(rate[:, 0], axis=0)
+    return _log_det(bands), jnp.sum(2 * rate, axis=(0, 1)) - jnp.sum(rate[:, 0], axis=0)
 
 
 @jax.jit

@@ -34,7 +34,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import require
+from jaxmotion._checks import require, static
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
 
@@ -52,6 +52,7 @@ class BlockBandedFactor(Portable):
     roots: Float[Array, "time d d *k"]
 
 
+@static("throw")
 def block_banded_factor(
     blocks: Float[AnyArray, "time band d d *k"], *, throw: bool = True
 ) -> BlockBandedFactor:
@@ -59,8 +60,9 @@ def block_banded_factor(
 
     O(T w² d³) a lane. Differentiable, as a scan of length T.
 
-    **Arguments:** ``blocks``: f[T, w + 1, d, d, *k], P, see the module; ``throw``: whether a P that
-    is not positive definite is an error, else the factor is not a number.
+    **Arguments:** ``blocks``: f[T, w + 1, d, d, *k], of P: ``blocks[t, k] = P[t + k, t]``;
+    ``throw``: whether a P that is not positive definite is an error, else the factor is not a
+    number.
     **Returns:** :class:`BlockBandedFactor`.
     **Raises:** with ``throw``, ``ValueError`` when P is not positive definite, at run time when it
     is traced.
@@ -100,6 +102,7 @@ def block_banded_matvec(
     return total
 
 
+@static("throw")
 def block_banded_solve(
     blocks: Float[AnyArray, "time band d d *k"],
     b: Float[AnyArray, "rows size *lanes"],
@@ -124,7 +127,6 @@ def block_banded_solve(
     return lax.custom_linear_solve(partial(block_banded_matvec, blocks), b, solve, symmetric=True)
 
 
-@jax.custom_jvp
 def block_banded_log_det(blocks: Float[AnyArray, "time band d d *k"]) -> Float[Array, "*k"]:
     """``log det P``.
 
@@ -133,16 +135,21 @@ def block_banded_log_det(blocks: Float[AnyArray, "time band d d *k"]) -> Float[A
     **Arguments:** ``blocks``: f[T, w + 1, d, d, *k], P.
     **Returns:** f[*k]; not a number when P is not positive definite.
     """
+    return _log_det(blocks)
+
+
+@jax.custom_jvp
+def _log_det(blocks: Float[Array, "time band d d *k"]) -> Float[Array, "*k"]:
     diagonal = jnp.diagonal(_factor(blocks).roots, axis1=1, axis2=2)
     return -2 * jnp.sum(jnp.log(diagonal), axis=(0, -1))
 
 
-@block_banded_log_det.defjvp
-def _block_banded_log_det_jvp(primals, tangents):
+@_log_det.defjvp
+def _log_det_jvp(primals, tangents):
     (blocks,), (change,) = primals, tangents
     inverse = block_banded_selected_inverse(_factor(blocks))
     rate = jnp.sum(jnp.where(_inside(blocks), change * inverse, 0), axis=(0, 2, 3))
-    return block_banded_log_det(blocks), 2 * jnp.sum(rate, axis=0) - rate[0]
+    return _log_det(blocks), 2 * jnp.sum(rate, axis=0) - rate[0]
 
 
 @jax.jit

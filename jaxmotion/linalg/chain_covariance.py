@@ -24,9 +24,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, PRNGKeyArray
+from jaxtyping import Array
 
 from jaxmotion._summary import line, per_frame
+from jaxmotion._types import Key
 from jaxmotion.linalg.difference_chain import (
     ChainFactor,
     DifferenceChain,
@@ -180,7 +181,6 @@ def _weighed(
     return lax.scan(step, (start, State(*nothing_known(chain))), chain, reverse=reverse)[1]
 
 
-@jax.custom_jvp
 def chain_log_det(chain: DifferenceChain) -> Array:
     """``log det P``.
 
@@ -189,22 +189,27 @@ def chain_log_det(chain: DifferenceChain) -> Array:
     **Arguments:** ``chain``: the coefficients.
     **Returns:** f[*k].
     """
-    return _log_det(chain_factor(chain))
+    return _log_det(chain)
 
 
-def _log_det(factor: ChainFactor) -> Array:
+@jax.custom_jvp
+def _log_det(chain: DifferenceChain) -> Array:
+    return _log_det_of(chain_factor(chain))
+
+
+def _log_det_of(factor: ChainFactor) -> Array:
     return jnp.log(factor.precision) + jnp.sum(jnp.log(factor.pivot), axis=0)
 
 
-@chain_log_det.defjvp
-def _chain_log_det_jvp(primals, tangents):
+@_log_det.defjvp
+def _log_det_jvp(primals, tangents):
     (chain,), (change,) = primals, tangents
     factor = chain_factor(chain)
     after = _known_after(factor)
     x, cross, v = knowledge(factor, after).covariance(chain.back)
     rate = change.weight * x - 2 * chain.weight * change.back * cross + change.speed * v
     bends = change.curvature[1:-1] * _bend_variance(factor, after)
-    return _log_det(factor), jnp.sum(rate, axis=0) + jnp.sum(bends, axis=0)
+    return _log_det_of(factor), jnp.sum(rate, axis=0) + jnp.sum(bends, axis=0)
 
 
 def _bend_variance(factor: ChainFactor, after: Information) -> Array:
@@ -219,7 +224,7 @@ def _bend_variance(factor: ChainFactor, after: Information) -> Array:
 
 
 @partial(jax.jit, static_argnames="channels")
-def chain_sample(factor: ChainFactor, key: PRNGKeyArray, channels: tuple[int, ...]) -> Array:
+def chain_sample(factor: ChainFactor, key: Key, channels: tuple[int, ...]) -> Array:
     """One draw of N(0, 1/P), independent over channels.
 
     Steps from frame to frame are written out from where the frames before hold on, not from the

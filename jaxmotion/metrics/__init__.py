@@ -1,6 +1,6 @@
 """Measures of clips, of the difference between two, and checks built on them."""
 
-from jaxmotion.metrics.checks import KINDS, Problem, find_problems
+from jaxmotion.metrics.checks import KINDS, check, find_problems
 from jaxmotion.metrics.contact import (
     ContactScores,
     contact_scores,
@@ -10,6 +10,7 @@ from jaxmotion.metrics.contact import (
     penetration,
     slides,
 )
+from jaxmotion.metrics.findings import Findings, Problem
 from jaxmotion.metrics.measures import (
     Difference,
     Peak,
@@ -29,9 +30,11 @@ __all__ = [
     "KINDS",
     "ContactScores",
     "Difference",
+    "Findings",
     "Peak",
     "Problem",
     "bend",
+    "check",
     "contact_scores",
     "difference",
     "duplicate_frames",

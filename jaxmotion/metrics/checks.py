@@ -3,8 +3,12 @@
 | kind | found when |
 |---|---|
 | ``nan`` | an entry is not finite (then nothing else is looked for) |
+| ``dtype`` | arrays are neither float32 nor float64, or not all alike |
+| ``norm`` | a rotation is no unit quaternion |
+| ``order`` | rotations look like (x, y, z, w) (after ``norm`` or this only ``rate`` is sought) |
 | ``empty`` | there are fewer than two frames |
 | ``rate`` | the frame rate is not within 0.5 % of one that cameras and engines use |
+| ``degrees`` | rotations turn as fast as if degrees had been taken for radians |
 | ``duplicate`` | a frame repeats the one before in every joint, while the clip moves |
 | ``flip`` | a quaternion changes sign from one frame to the next: a jump of 360° in the file |
 | ``jump`` | a joint turns by more than 120° from one frame to the next |
@@ -15,62 +19,56 @@ figure's size), more than its neighbours in time differ, four times any other wi
 | ``up`` | the figure stands along another axis than the one that points up |
 | ``gimbal`` | a joint's Euler angles come within 2° of gimbal lock |
 
+``norm``, ``order``, ``rate`` and ``degrees`` name the likely cause: :mod:`jaxmotion._likely`.
 Neighbouring frames with one problem are one finding. ``flip`` and ``gimbal`` are notes: most good
 captures have some, this library minds neither, and other tools may.
 T frames, J joints, O(T·J), NumPy on the host.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
-from jaxmotion._plain import printable
-from jaxmotion._summary import called, line
+from jaxmotion import _likely
+from jaxmotion._checks import traced
 from jaxmotion.axes import doubt_up
 from jaxmotion.metrics import measures
+from jaxmotion.metrics.findings import Findings, Problem
 from jaxmotion.motion import Motion
 
-KINDS = ("nan", "empty", "rate", "duplicate", "flip", "jump", "first", "spike", "up", "gimbal")
-NOTES = ("flip", "gimbal")
-_RATES = (12, 15, 20, 24, 25, 30, 48, 50, 60, 72, 75, 90, 100, 120, 144, 150, 180, 200, 240, 250)
-_RATES = (*_RATES, 300, 360, 400, 480, 500, 1000, *(r * 1000 / 1001 for r in (24, 30, 60, 120)))
-_RATE_TOLERANCE, _LIKELY = 0.005, 0.2
+KINDS = (
+    *("nan", "dtype", "norm", "order", "empty", "rate", "degrees"),
+    *("duplicate", "flip", "jump", "first", "spike", "up", "gimbal"),
+)
+_LIKELY = 0.2  # share by which a frame rate may miss one that is usual
 _ROOT_SPIKE = 0.02  # of the figure's size
 _ISOLATION, _AROUND = 4.0, 10
 
 
-@dataclass(frozen=True)
-class Problem:
-    """One finding about a clip.
+def check(motion: Motion, *, notes: bool = False) -> Findings:
+    """What may be wrong with a clip, and the likely cause: a wrong convention, NaN, jumps, spikes.
 
-    **Fields:** ``kind``: one of the module's table; ``message``: a sentence for people; ``frame``,
-    ``last_frame``: the first and the last it is about, from 0, None for the whole clip; ``joint``:
-    by name, None for all.
+    The table of kinds is in :mod:`jaxmotion.metrics.checks`. NumPy on the host, O(T·J).
+
+    **Arguments:** ``motion``: one clip of known values, T frames, J joints; ``notes``: whether to
+    tell too of what this library does not mind and other tools may: quaternions that change sign
+    and Euler angles near gimbal lock.
+    **Returns:** :class:`~jaxmotion.metrics.Findings`: a tuple with a kind, a sentence, joint and
+    frames each; empty, and so false, when all is well.
+    **Raises:** ``ValueError`` for a traced motion or a batch.
+
+    **Example:**
+
+        >>> import numpy as np, jaxmotion as jm
+        >>> motion = jm.samples.load("walk").motion
+        >>> jm.check(motion)
+        nothing found
+        >>> swapped = motion.with_transforms(rotations=jm.quaternion.to_xyzw(motion.rotations))
+        >>> jm.check(swapped).kinds
+        ('order',)
     """
-
-    kind: str
-    message: str
-    frame: int | None = None
-    last_frame: int | None = None
-    joint: str | None = None
-
-    def __repr__(self) -> str:
-        return line(self, self._words)
-
-    def _words(self) -> Iterator[str]:
-        yield self.kind
-        if self.frame is not None:
-            alone = self.last_frame in (None, self.frame)
-            yield f"frame {self.frame}" if alone else f"frames {self.frame} to {self.last_frame}"
-        if self.joint is not None:
-            yield called([self.joint])
-        yield printable(self.message)
-
-    @property
-    def serious(self) -> bool:
-        """Whether it is more than a note."""
-        return self.kind not in NOTES
+    _one_clip(motion, "check")
+    return Findings(p for p in find_problems(motion) if notes or p.serious)
 
 
 def find_problems(
@@ -87,14 +85,21 @@ def find_problems(
     radians.
     **Returns:** a list of :class:`Problem` in the order of the table, then by joint and frame; none
     is good news.
+    **Raises:** ``ValueError`` for a traced motion or a batch.
     """
+    _one_clip(motion, "find_problems")
     broken = list(_not_finite(motion))
     if broken:
         return broken
+    found = [*_dtypes(motion), *_no_rotations(motion)]
     if motion.num_frames < 2:
-        return [Problem("empty", f"{motion.num_frames} frame: there is no motion in it")]
+        return [*found, Problem("empty", f"{motion.num_frames} frame: there is no motion in it")]
+    found += _rate(motion)
+    if any(problem.kind in ("norm", "order") for problem in found):
+        return found
     return [
-        *_rate(motion),
+        *found,
+        *_degrees(motion),
         *_duplicates(motion),
         *_flips(motion),
         *_jumps(motion, jump),
@@ -105,6 +110,15 @@ def find_problems(
     ]
 
 
+def _one_clip(motion: Motion, caller: str) -> None:
+    if traced(motion):
+        raise ValueError(f"{caller}: the motion is traced; look at it outside of jit and vmap")
+    if np.ndim(motion.rotations) != 3:
+        raise ValueError(
+            f"{caller}: rotations {np.shape(motion.rotations)}; expected one clip, (T, J, 4)"
+        )
+
+
 def _not_finite(motion: Motion) -> Iterator[Problem]:
     parts = np.asarray(motion.rotations), np.asarray(motion.translations)
     broken = np.any([~np.isfinite(part).all(axis=-1) for part in parts], axis=0)
@@ -112,28 +126,39 @@ def _not_finite(motion: Motion) -> Iterator[Problem]:
         yield Problem("nan", "values that are not numbers", first, last, joint)
 
 
+def _dtypes(motion: Motion) -> Iterator[Problem]:
+    kinds = {name: getattr(motion, name).dtype for name in ("rotations", "translations")}
+    if len(set(kinds.values())) > 1 or motion.dtype not in (np.float32, np.float64):
+        told = " and ".join(f"{name} are {kind}" for name, kind in kinds.items())
+        yield Problem("dtype", f"{told}; all float32 or all float64 is expected (motion.astype)")
+
+
+def _no_rotations(motion: Motion) -> Iterator[Problem]:
+    q = np.asarray(motion.rotations, np.float64)
+    if doubt := _likely.doubt_rotations(q):
+        yield Problem(*doubt)
+        return
+    for joint, first, last in _runs(~_likely.unit(q), motion):
+        norm = np.linalg.norm(q[first, motion.skeleton.names.index(joint)])
+        yield Problem("norm", f"norm {norm:.4g}: no unit quaternion", first, last, joint)
+
+
 def _rate(motion: Motion) -> Iterator[Problem]:
     seconds = float(motion.frame_time)
     fps = 1.0 / seconds
-    nearest, share = _nearest_rate(fps)
-    if share <= _RATE_TOLERANCE:
+    nearest, share = _likely.nearest_rate(fps)
+    if share <= _likely.RATE_TOLERANCE:
         return
-    told = f"the frame time is {seconds:.6g} seconds"
-    if seconds > 1 and _nearest_rate(seconds)[1] <= _RATE_TOLERANCE:
-        likely = f"{told}; is it a rate, {seconds:.6g} frames a second?"
-    elif seconds > 1 and _nearest_rate(1000 / seconds)[1] <= _RATE_TOLERANCE:
-        likely = f"{told}; is it milliseconds, {1000 / seconds:.5g} frames a second?"
-    elif share <= _LIKELY:
-        likely = f"{fps:.6g} frames a second is unusual; is it {nearest:.5g}?"
-    else:
-        likely = f"{fps:.6g} frames a second is unusual"
-    yield Problem("rate", f"{likely} (--fps sets it)")
+    likely = _likely.doubt_frame_time(seconds) or f"{fps:.6g} frames a second is unusual"
+    if share <= _LIKELY:
+        likely = f"{likely}; is it {nearest:.5g}?"
+    yield Problem("rate", f"{likely} (--fps, or load(fps=), sets it)")
 
 
-def _nearest_rate(fps: float) -> tuple[float, float]:
-    """The nearest rate that cameras and engines use, and by which share ``fps`` differs."""
-    nearest = min(_RATES, key=lambda rate: abs(np.log(fps / rate)))
-    return float(nearest), abs(fps / nearest - 1.0)
+def _degrees(motion: Motion) -> Iterator[Problem]:
+    seconds = float(motion.frame_time)
+    if doubt := _likely.doubt_rates(measures.rotation_rates(motion) * seconds, seconds):
+        yield Problem("degrees", doubt)
 
 
 def _duplicates(motion: Motion) -> Iterator[Problem]:

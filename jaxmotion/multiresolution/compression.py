@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
+from jaxmotion._checks import static
 from jaxmotion._file_facts import compiled, file_fact
 from jaxmotion._portable import Portable
 from jaxmotion._summary import some
@@ -102,6 +103,7 @@ class CompressedMotion(Portable):
         ).reconstruct()
 
 
+@static("levels")
 def compress(
     motion: Motion,
     *,

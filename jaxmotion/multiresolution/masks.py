@@ -21,17 +21,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import static
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.frames.ends import steps_around
 from jaxmotion.multiresolution.poses import increasing
 
 
+@static("power")
 def smoothing_mask(
     power: int = 2,
     strength: ScalarLike = 1.0,
     *,
     times: Float[AnyArray, " time"] | None = None,
-) -> Float[Array | np.ndarray, "*time width"]:
+) -> Float[AnyArray, "*time width"]:
     """Smoothing by the j-th power of the Laplacian: δ − (−1)ʲ λ Lʲ/(2j)!.
 
     Lee & Shin 2001, Eq. 8–9.
@@ -53,7 +55,7 @@ def smoothing_mask(
         binomials = np.array([comb(2 * power, m) for m in range(width)], np.float64)
         pattern = sign * signs * binomials / factorial(2 * power)
         if not isinstance(strength, Array):
-            return centre - float(strength) * pattern
+            return centre - float(strength) * pattern  # type: ignore[return-value]
         return jnp.asarray(centre, strength.dtype) - strength * jnp.asarray(pattern, strength.dtype)
     times = increasing(times, "smoothing_mask")
     if times.shape[0] < 2:
@@ -62,6 +64,7 @@ def smoothing_mask(
     return jnp.asarray(centre, times.dtype) - sign * jnp.asarray(strength, times.dtype) * weights
 
 
+@static("half_width")
 def binomial_mask(half_width: int) -> Float[np.ndarray, " width"]:
     """The smooth bell C(2k, k + m)/4ᵏ.
 
@@ -75,6 +78,7 @@ def binomial_mask(half_width: int) -> Float[np.ndarray, " width"]:
     return np.array(row, np.float64) / 4.0**half_width
 
 
+@static("half_width")
 def band_pass_mask(low: float, high: float, half_width: int) -> Float[np.ndarray, " width"]:
     """What moves at ``low`` to ``high`` cycles a frame, about the slow pose.
 

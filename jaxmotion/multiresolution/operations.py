@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxmotion import spacetime
-from jaxmotion._checks import one_number
+from jaxmotion._checks import one_number, static
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
@@ -24,6 +24,7 @@ from jaxmotion.multiresolution.poses import Times, checked_alike, checked_times
 from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid, level_count, synthesize
 
 
+@static("keep_contacts")
 def level_of_detail(
     pyramid: Pyramid, level: ScalarLike, *, keep_contacts: Contacts | bool = False
 ) -> Motion:
@@ -44,6 +45,7 @@ def level_of_detail(
     return _scaled(pyramid, gains[:, None], keep_contacts, "level_of_detail")
 
 
+@static("keep_contacts")
 def scale_details(
     pyramid: Pyramid, gains: ArrayLike, *, keep_contacts: Contacts | bool = False
 ) -> Motion:
@@ -78,10 +80,11 @@ def _scaled(pyramid: Pyramid, gains: Array, keep_contacts: Contacts | bool, call
     if keep_contacts is False:
         return edit
     return spacetime.keep_contacts(
-        edit, pyramid.reconstruct(), keep_contacts, length=pyramid.length
+        edit, original=pyramid.reconstruct(), contacts=keep_contacts, length=pyramid.length
     )
 
 
+@static("levels", "keep_contacts")
 def blend(
     reference: Motion,
     first: Motion,
@@ -119,7 +122,7 @@ def blend(
     check_kept(second, keep_contacts, "blend")
     alike = (with_moving_joints(m, moving) for m in (reference, first, second))
     mixed = _blend(*(build_pyramid(m, levels, times=times) for m in alike))
-    return spacetime.keep_contacts(mixed, second, keep_contacts)
+    return spacetime.keep_contacts(mixed, original=second, contacts=keep_contacts)
 
 
 @compiled

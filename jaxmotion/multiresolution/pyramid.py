@@ -26,7 +26,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxmotion._checks import counted
+from jaxmotion._checks import counted, static
 from jaxmotion._file_facts import compiled, file_fact
 from jaxmotion._portable import Portable
 from jaxmotion._room import Room, room_for
@@ -106,6 +106,7 @@ class Pyramid(Portable):
         return synthesize(self, jnp.ones((self.levels, self.base.num_joints), self.base.dtype))
 
 
+@static("levels", "lazy")
 def build_pyramid(
     motion: Motion,
     levels: int | None = None,

@@ -30,7 +30,7 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmotion import quaternion, spacetime
-from jaxmotion._checks import traced
+from jaxmotion._checks import static, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion.contacts import Contacts
 from jaxmotion.contacts.contact import check_kept
@@ -46,6 +46,7 @@ _HALF_TRANSITION = 0.5  # seconds
 _BESIDE = 0.25  # seconds about a cut that are looked at
 
 
+@static("levels", "align", "search", "keep_contacts")
 def stitch(
     motions: Sequence[Motion],
     levels: int | None = None,
@@ -74,7 +75,7 @@ def stitch(
     """
     joined, unseamed, _ = stitched(motions, levels, align=align, search=search)
     check_kept(joined, keep_contacts, "stitch")
-    return spacetime.keep_contacts(joined, unseamed, keep_contacts)
+    return spacetime.keep_contacts(joined, original=unseamed, contacts=keep_contacts)
 
 
 class Stitched(NamedTuple):
@@ -117,6 +118,7 @@ def stitched(
     return Stitched(joined, unseamed, tuple(seams))
 
 
+@static("search")
 def best_cut(first: Motion, second: Motion, search: int) -> tuple[int, int]:
     """How many frames to drop on either side of a seam so that it shows least.
 

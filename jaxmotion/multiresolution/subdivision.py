@@ -8,6 +8,7 @@ the motion and the times. One clip; vmap for several.
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import static
 from jaxmotion._file_facts import compiled
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.cascade import merged
@@ -46,6 +47,7 @@ def reduce(motion: Motion, *, times: Times | None = None) -> Motion:
     return _reduce(motion, times)
 
 
+@static("num_frames")
 def expand(motion: Motion, num_frames: int | None = None, *, times: Times | None = None) -> Motion:
     """E: the clip at twice its rate, by subdivision; every second frame is one of the given.
 
@@ -69,6 +71,7 @@ def expand(motion: Motion, num_frames: int | None = None, *, times: Times | None
     return _expand(motion, frames, checked_times(times, frames, motion.dtype, "expand"))
 
 
+@static("octaves")
 def upsample(motion: Motion, octaves: int = 1) -> Motion:
     """2^octaves times the frames a second, by :func:`expand`.
 
@@ -81,6 +84,7 @@ def upsample(motion: Motion, octaves: int = 1) -> Motion:
     return motion
 
 
+@static("octaves")
 def downsample(motion: Motion, octaves: int = 1) -> Motion:
     """1/2^octaves of the frames a second, smoothed before each halving, by :func:`reduce`.
 

@@ -21,9 +21,11 @@ from jaxmotion.quaternion.convert import (
     from_euler,
     from_matrix,
     from_rotation_6d,
+    from_xyzw,
     to_euler,
     to_matrix,
     to_rotation_6d,
+    to_xyzw,
 )
 from jaxmotion.quaternion.explog import distance, exp, exp_half, log, log_half, power
 from jaxmotion.quaternion.interpolate import slerp
@@ -40,6 +42,7 @@ __all__ = [
     "from_euler",
     "from_matrix",
     "from_rotation_6d",
+    "from_xyzw",
     "identity",
     "inverse",
     "least_energy_signs",
@@ -55,4 +58,5 @@ __all__ = [
     "to_euler",
     "to_matrix",
     "to_rotation_6d",
+    "to_xyzw",
 ]

@@ -1,4 +1,4 @@
-"""Conversions: matrices, Euler angles, the six-dimensional representation.
+"""Conversions: matrices, Euler angles, the six-dimensional representation, (x, y, z, w).
 
 Euler orders follow SciPy: three letters, capitals for intrinsic axes ("ZXY" turns about the
 moving z, x, y in that order: q = q_z q_x q_y), small letters for extrinsic ("zxy":
@@ -103,35 +103,67 @@ def from_rotation_6d(columns: Rotation6d) -> Quaternion:
     return from_matrix(jnp.stack([x, y, jnp.cross(x, y)], axis=-1))
 
 
-@one_program("order")
-def from_euler(angles: Angles, order: str = "ZXY") -> Quaternion:
+@one_program()
+def from_xyzw(q: Quaternion) -> Quaternion:
+    """Quaternion (w, x, y, z), as this library has it, of one with the real part last.
+
+    SciPy, ROS, Unity and glTF write (x, y, z, w).
+
+    **Arguments:** ``q``: f[..., 4], (x, y, z, w).
+    **Returns:** f[..., 4], (w, x, y, z).
+    **Raises:** ``ValueError`` where the last axis is not 4.
+    """
+    x, y, z, w = components(q, 4, "q")
+    return together((w, x, y, z))
+
+
+@one_program()
+def to_xyzw(q: Quaternion) -> Quaternion:
+    """Quaternion with the real part last of one of this library's.
+
+    **Arguments:** ``q``: f[..., 4], (w, x, y, z).
+    **Returns:** f[..., 4], (x, y, z, w).
+    **Raises:** ``ValueError`` where the last axis is not 4.
+    """
+    w, x, y, z = components(q, 4, "q")
+    return together((x, y, z, w))
+
+
+@one_program("order", "degrees")
+def from_euler(angles: Angles, order: str = "ZXY", *, degrees: bool = False) -> Quaternion:
     """Unit quaternion of three Euler angles.
 
-    **Arguments:** ``angles``: f[..., 3], radians, in the order of the letters; ``order``: see the
-    module.
+    **Arguments:** ``angles``: f[..., 3], in the order of the letters; ``order``: three of X, Y and
+    Z, no two equal in a row: capitals turn about the moving axes, one after the other ("ZXY": z
+    first), small letters about the fixed ones; ``degrees``: whether the angles are degrees, not
+    radians.
     **Returns:** f[..., 4], unit.
     **Raises:** ``ValueError`` for an order that is not one of the 24, or a last axis that is not 3.
     """
     i, j, k, extrinsic = _axes(order)
+    angles = jnp.radians(angles) if degrees else angles
     first, second, third = components(angles, 3, "angles")
     turns = (_about(i, first), _about(j, second), _about(k, third))
     a, b, c = reversed(turns) if extrinsic else turns
     return multiply(multiply(a, b), c)
 
 
-@one_program("order", "unwrap")
-def to_euler(q: Quaternion, order: str = "ZXY", *, unwrap: bool = False) -> Angles:
+@one_program("order", "unwrap", "degrees")
+def to_euler(
+    q: Quaternion, order: str = "ZXY", *, unwrap: bool = False, degrees: bool = False
+) -> Angles:
     """Euler angles of a unit quaternion.
 
     Source: Bernardes & Viollet 2022.
 
-    **Arguments:** ``q``: f[..., 4]; ``order``: see the module; ``unwrap``: treat axis 0 as time and
-    give every frame, of the angle triples that mean its rotation (the two branches of the order and
-    any whole turns; in gimbal lock a line of them), the one nearest the frame before; costs one
-    scan.
-    **Returns:** f[..., 3], radians; without ``unwrap`` the middle angle is in [−π/2, π/2]
-    (Tait–Bryan) or [0, π], the others in [−π, π]. In gimbal lock the last intrinsic (first
-    extrinsic) angle is 0.
+    **Arguments:** ``q``: f[..., 4]; ``order``: as :func:`from_euler`, "ZXY" for angles about the
+    moving z, x and y; ``unwrap``: treat axis 0 as time and give every frame, of the angle triples
+    that mean its rotation (the two branches of the order and any whole turns; in gimbal lock a line
+    of them), the one nearest the frame before; costs one scan; ``degrees``: whether to give
+    degrees.
+    **Returns:** f[..., 3], radians unless ``degrees``; without ``unwrap`` the middle angle is in
+    [−π/2, π/2] (Tait–Bryan) or [0, π], the others in [−π, π]. In gimbal lock the last intrinsic
+    (first extrinsic) angle is 0.
     **Raises:** ``ValueError`` for an order that is not one of the 24, a last axis that is not 4, or
     an ``unwrap`` of one quaternion without time.
     """
@@ -142,7 +174,9 @@ def to_euler(q: Quaternion, order: str = "ZXY", *, unwrap: bool = False) -> Angl
         i, k = k, i
     *angles, lock = _extrinsic_angles(components(q, 4, "q"), i, j, k)
     angles = together(angles if extrinsic else angles[::-1])
-    return _nearest_to_previous(angles, lock, proper=i == k) if unwrap else angles
+    if unwrap:
+        angles = _nearest_to_previous(angles, lock, proper=i == k)
+    return jnp.degrees(angles) if degrees else angles
 
 
 def _axes(order: str) -> tuple[int, int, int, bool]:

@@ -45,7 +45,8 @@ def mean(
 
     **Arguments:** ``q``: f[..., 4], unit; ``weights``: ≥ 0, one a sample, either 1-D along ``axis``
     or broadcasting with q's leading axes; all zero counts as all equal; ``axis``: of the samples,
-    not the last; ``method``: "karcher", "recursive" or "chordal", see the module.
+    not the last; ``method``: "karcher" (least squares of angles), "recursive" (by slerp, sample
+    after sample) or "chordal" (an eigenvector: cheapest, ignores signs).
     **Returns:** q's shape without ``axis``, on the hemisphere of the first sample ("recursive"
     begins there).
     **Raises:** ``ValueError`` for an unknown method, a last axis that is not 4, an axis that is

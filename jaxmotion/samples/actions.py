@@ -8,6 +8,7 @@ a leg in the air gets, on top of its planned step, joint rotations made of the C
 
 import numpy as np
 
+from jaxmotion._checks import static
 from jaxmotion.samples.footsteps import Roll, follow, standing, steps
 from jaxmotion.samples.posing import Number, Sample, check_timing, make_sample, place_arm, trunk
 from jaxmotion.samples.rotations import about, bump, ease, keyed, sway, turn
@@ -19,6 +20,7 @@ _TOES_OUT = 0.12
 _STEP = Roll(strike_pitch=0.12, toe_off_pitch=0.5, clearance=0.08)
 
 
+@static("num_frames", "seed")
 def idle(num_frames: int = 240, *, fps: Number = 60.0, seed: int = 0, dtype=None) -> Sample:
     """A person standing, both feet planted throughout, shifting weight, breathing, looking about.
 
@@ -53,6 +55,7 @@ def idle(num_frames: int = 240, *, fps: Number = 60.0, seed: int = 0, dtype=None
     return make_sample("idle", skeleton, legs, feet, root, local, fps, dtype)
 
 
+@static("num_frames", "seed")
 def kick(
     num_frames: int = 150,
     *,
@@ -132,6 +135,7 @@ def kick(
     return make_sample("kick", skeleton, legs, feet, root, local, fps, dtype, extra)
 
 
+@static("num_frames", "seed")
 def jump(
     num_frames: int = 150,
     *,
@@ -188,6 +192,7 @@ def jump(
     return make_sample("jump", skeleton, legs, feet, root, local, fps, dtype)
 
 
+@static("num_frames", "seed")
 def dance(
     num_frames: int = 360,
     *,

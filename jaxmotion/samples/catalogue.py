@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import jax
 
-from jaxmotion._checks import one_of
+from jaxmotion._checks import one_of, static
 from jaxmotion._types import ScalarLike
 from jaxmotion.samples.actions import dance, idle, jump, kick
 from jaxmotion.samples.corruptions import Corrupted, add_noise, not_negative
@@ -37,6 +37,7 @@ def load(name: str, **options) -> Sample:
     return _CLIPS[name](**options)
 
 
+@static("seed")
 def clean_and_noisy(
     name: str = "walk",
     *,

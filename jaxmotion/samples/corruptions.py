@@ -16,16 +16,14 @@ from collections.abc import Iterator
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, PRNGKeyArray, UInt32
+from jaxtyping import Array, Bool
 
 from jaxmotion import quaternion
 from jaxmotion._checks import one_number, require
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
-from jaxmotion._types import ScalarLike
+from jaxmotion._types import Key, ScalarLike
 from jaxmotion.motion import Motion
-
-Key = PRNGKeyArray | UInt32[Array, "2"]
 
 
 class Corrupted(Portable):

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmotion._checks import static
 from jaxmotion.samples.footsteps import Plants, Roll, follow
 from jaxmotion.samples.posing import Number, Sample, check_timing, make_sample, place_arm, trunk
 from jaxmotion.samples.rotations import about, sway, turn
@@ -63,6 +64,7 @@ _RUN = _Gait(
 )
 
 
+@static("num_frames", "seed")
 def walk(
     num_frames: int = 240,
     *,
@@ -87,6 +89,7 @@ def walk(
     return _two_legs("walk", _WALK, num_frames, fps, speed, stride, turning, seed, dtype)
 
 
+@static("num_frames", "seed")
 def run(
     num_frames: int = 240,
     *,
@@ -107,6 +110,7 @@ def run(
     return _two_legs("run", _RUN, num_frames, fps, speed, stride, turning, seed, dtype)
 
 
+@static("num_frames", "seed")
 def quadruped_walk(
     num_frames: int = 240,
     *,
@@ -130,6 +134,7 @@ def quadruped_walk(
     )
 
 
+@static("num_frames", "seed")
 def quadruped_trot(
     num_frames: int = 240,
     *,

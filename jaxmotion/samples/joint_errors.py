@@ -23,13 +23,16 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmotion import quaternion
+from jaxmotion._checks import static
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
+from jaxmotion._types import Key
 from jaxmotion.motion import Motion
-from jaxmotion.samples.corruptions import Corrupted, Key, replace_where
+from jaxmotion.samples.corruptions import Corrupted, replace_where
 from jaxmotion.skeleton import Skeleton
 
 
+@static("runs")
 def offset_joints(
     motion: Motion,
     key: Key,
@@ -54,6 +57,7 @@ def offset_joints(
     return _offset(motion, key, runs, magnitude, length, joints)
 
 
+@static("count")
 def add_spikes(
     motion: Motion,
     key: Key,
@@ -74,6 +78,7 @@ def add_spikes(
     return _offset(motion, key, count, magnitude, (1, 1), joints)
 
 
+@static("runs")
 def violate_limits(
     motion: Motion,
     key: Key,
@@ -98,6 +103,7 @@ def violate_limits(
     return _violate_limits(motion, key, runs, excess, length, joints)
 
 
+@static("runs")
 def freeze_joints(
     motion: Motion,
     key: Key,
@@ -117,6 +123,7 @@ def freeze_joints(
     return _freeze(motion, key, runs, length, joints)
 
 
+@static("runs")
 def swap_limbs(
     motion: Motion,
     key: Key,
@@ -151,6 +158,7 @@ def swap_limbs(
     return _swap(motion, key, runs, length, tuple(int(j) for j in partner))
 
 
+@static("runs")
 def inject_errors(
     motion: Motion, key: Key, *, runs: int = 3, length: tuple[int, int] = (5, 30)
 ) -> Corrupted:

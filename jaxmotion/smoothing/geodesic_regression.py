@@ -40,7 +40,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import Fault, fault, known, one_of, raise_faults
+from jaxmotion._checks import Fault, fault, known, one_of, raise_faults, static
 from jaxmotion._portable import Portable
 from jaxmotion._summary import brief, per_frame
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion, ScalarLike
@@ -232,6 +232,7 @@ def _covariance(problem: _Problem) -> Array:
     return jnp.moveaxis(inverse[:, 0] * problem.sigma**2, -1, 1)
 
 
+@static("order", "num_frames", "throw")
 def geodesic(
     q: Quaternion,
     lam: ScalarLike,

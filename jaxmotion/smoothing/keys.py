@@ -26,7 +26,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxmotion._checks import known, require
+from jaxmotion._checks import known, require, static
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike
 from jaxmotion.linalg import (
@@ -49,6 +49,7 @@ class KeySuggestions(Portable):
     variance: Float[Array, "keys frames ..."]
 
 
+@static("n")
 def suggest_keys(
     posterior: Posterior, n: int, *, candidates: ArrayLike | None = None
 ) -> KeySuggestions:

@@ -45,12 +45,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PRNGKeyArray
+from jaxtyping import Array, Float
 
-from jaxmotion._checks import Fault, known, one_of, raise_faults, require, traced
+from jaxmotion._checks import Fault, known, one_of, raise_faults, require, static, traced
 from jaxmotion._portable import Portable
 from jaxmotion._summary import per_frame
-from jaxmotion._types import ArrayLike
+from jaxmotion._types import ArrayLike, Key
 from jaxmotion.linalg import (
     DifferenceChain,
     Knowledge,
@@ -124,7 +124,7 @@ class Posterior(Portable):
         """Log density of the data given lam and sigma, one number per channel, f[*channels]."""
         return _log_evidence(self)
 
-    def sample(self, key: PRNGKeyArray, shape: tuple[int, ...] = ()) -> Array:
+    def sample(self, key: Key, shape: tuple[int, ...] = ()) -> Array:
         """Independent draws of the frames.
 
         O(Nf) each.
@@ -147,6 +147,7 @@ class Posterior(Portable):
         return covariance.reshape(covariance.shape[0]) if self._shared else covariance
 
 
+@static("num_frames", "order", "parallel")
 def lgs(
     y: ArrayLike,
     lam: ArrayLike,

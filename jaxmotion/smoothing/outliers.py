@@ -28,7 +28,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
-from jaxmotion._checks import one_of
+from jaxmotion._checks import one_of, static
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
@@ -46,6 +46,7 @@ _AROUND = 7
 _STEPS = 1 / 7
 
 
+@static("order")
 def outlier_weights(
     y: ArrayLike | Motion,
     *,
@@ -58,8 +59,9 @@ def outlier_weights(
     O(T·J) a round. No gradient passes through the weights.
 
     **Arguments:** ``y``: f[T, J, C] of J groups of C channels, f[T] one channel, or a motion;
-    ``loss``: "huber" or "cauchy", see the module; ``weights``: f[T] or f[T, J], ≥ 0, what is known
-    beforehand, 0 for missing; ``order``: of the smoother.
+    ``loss``: of samples that lie far out, "huber" (trusted less) or "cauchy" (not at all);
+    ``weights``: f[T] or f[T, J], ≥ 0, what is known beforehand, 0 for missing; ``order``: of the
+    smoother.
     **Returns:** f[T, J] in [0, 1] times ``weights`` (f[T] for a single channel); of a motion's
     joint, the lesser of its rotation's and its translation's.
     **Raises:** ``ValueError`` for an unknown loss or shape; as :func:`~jaxmotion.smoothing.lgs` for

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxmotion._checks import one_of
+from jaxmotion._checks import one_of, static
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.chordal import chordal, linear_mean
@@ -29,6 +29,7 @@ from jaxmotion.smoothing.design import Design
 Method: TypeAlias = Literal["chordal", "rotvec", "geodesic"]
 
 
+@static("num_frames", "order", "window")
 def smooth_quaternions(
     q: Quaternion,
     lam: ScalarLike,
@@ -53,8 +54,9 @@ def smooth_quaternions(
     middle axes (per joint), traced or not; ``index``, ``num_frames``, ``order``, ``scale``: as
     :func:`~jaxmotion.smoothing.lgs`; ``weights``: f[Nd] or f[Nd, ...] per joint, 0 for missing
     data, whatever q holds there; ``stiffness``: f[Nf] or f[Nf, ...] per joint, what λ is multiplied
-    by at every frame; ``method``: "chordal", "rotvec" or "geodesic", see the module; ``signs``:
-    "nearest" hemisphere along time, the "input"'s own, or "min_energy"
+    by at every frame; ``method``: "chordal" (the components are smoothed, and renormalised),
+    "rotvec" (rotation vectors are) or "geodesic" (exact on rotations, slower); ``signs``: "nearest"
+    hemisphere along time, the "input"'s own, or "min_energy"
     (:func:`~jaxmotion.quaternion.least_energy_signs`; give it no weights but an index, which then
     must not repeat); ``window``: frames solved together, half of them shared with the next window
     and cross-faded (paper: 120; see :func:`~jaxmotion.smoothing.windowed_lgs`; no index); None for
@@ -93,6 +95,7 @@ def _geodesic(
     return x.reshape(x.shape[0], *q.shape[1:])
 
 
+@static("num_frames", "order", "window")
 def smooth_motion(
     motion: Motion,
     lam: ScalarLike,

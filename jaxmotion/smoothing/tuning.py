@@ -31,7 +31,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import one_of
+from jaxmotion._checks import one_of, static
 from jaxmotion._portable import Portable
 from jaxmotion._summary import brief
 from jaxmotion._types import AnyArray, ArrayLike
@@ -80,6 +80,7 @@ class MotionTuning(Portable):
             yield f"{name} λ={brief(learned.lam)} σ={brief(learned.sigma)}"
 
 
+@static("num_frames", "order")
 def tune(
     y: ArrayLike | Motion,
     *,
@@ -98,10 +99,11 @@ def tune(
     √(4/3), as all of them are scaled). 18 looks, O(Nd + Nf) each. No gradient passes through the
     result.
 
-    **Arguments:** ``y``: f[Nd, *channels], or a motion; ``criterion``: "evidence", "gcv" or
-    "holdout", see the module; ``per``: how much shares one pair, "clip", "joint" (the first channel
-    axis; a signal without one counts as one joint) or "channel" (not of a motion); ``index``,
-    ``num_frames``, ``weights``, ``order``, ``scale``: as :func:`~jaxmotion.smoothing.lgs`.
+    **Arguments:** ``y``: f[Nd, *channels], or a motion; ``criterion``: "evidence" (restricted
+    likelihood), "gcv" (generalised cross-validation) or "holdout" (five folds); ``per``: how much
+    shares one pair, "clip", "joint" (the first channel axis; a signal without one counts as one
+    joint) or "channel" (not of a motion); ``index``, ``num_frames``, ``weights``, ``order``,
+    ``scale``: as :func:`~jaxmotion.smoothing.lgs`.
     **Returns:** :class:`Tuning`, or for a motion :class:`MotionTuning`, ready for
     :func:`smooth_quaternions` and :func:`smooth_motion`.
     **Raises:** ``ValueError`` for unknown options; as :func:`~jaxmotion.smoothing.lgs` for bad

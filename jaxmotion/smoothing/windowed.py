@@ -23,10 +23,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import static
 from jaxmotion._types import ArrayLike
 from jaxmotion.smoothing.lgs import lgs
 
 
+@static("window", "stride", "order")
 def windowed_lgs(
     y: ArrayLike,
     lam: ArrayLike,

@@ -12,13 +12,12 @@ Contacts are found with :func:`jaxmotion.contacts.detect`, or given. Cost as
 :func:`jaxmotion.spacetime.satisfy`, O(T) for a body.
 """
 
-import warnings
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 
 from jaxmotion import spacetime
-from jaxmotion._checks import counted, traced
+from jaxmotion._checks import counted, static, traced, warn
 from jaxmotion._room import Room
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, detect, fit_distances
@@ -38,6 +37,7 @@ class ConvergenceWarning(UserWarning):
     """The iteration of :func:`keep_contacts` had not come to rest when its steps were used up."""
 
 
+@static("contacts")
 def keep_contacts(
     edit: Motion,
     original: Motion,
@@ -47,9 +47,12 @@ def keep_contacts(
 ) -> Motion:
     """The edit with the contacts of the original.
 
-    **Arguments:** ``edit``, ``original``: T frames each, of one skeleton; ``contacts``: those to
-    keep, T frames, or True to find them on the original (outside of ``jit`` and ``vmap``), or False
-    for none; ``length``: number of frames that count, the first ones, for padded clips.
+    ``keep_contacts(edit, original=motion)`` or, in this order, ``keep_contacts(edit, motion)``.
+
+    **Arguments:** ``edit``: T frames, what is to be changed; ``original``: T frames of the same
+    skeleton, what ``edit`` was made from, whose contacts it gets; ``contacts``: those to keep, T
+    frames, or True to find them on the original (outside of ``jit`` and ``vmap``), or False for
+    none; ``length``: number of frames that count, the first ones, for padded clips.
     **Returns:** a motion of the edit's shape. Differentiable in the edit and the targets.
     **Raises:** ``ValueError`` for clips or contacts of different lengths, or traced clips without
     contacts. **Warns:** :class:`ConvergenceWarning`, outside of ``jit`` and ``vmap``, where the
@@ -63,11 +66,11 @@ def keep_contacts(
         contacts = detect(original, length=length)
     answer, report = restore(edit, contacts, length=length)
     if not traced(report.converged) and not report.converged:
-        warnings.warn(
+        warn(
+            "keep_contacts",
             f"contacts are not at rest after {int(report.num_steps)} steps: points are up to "
             f"{float(jnp.max(report.position_error)):.3g} (the file's unit) from their places",
             ConvergenceWarning,
-            stacklevel=2,
         )
     return answer
 

@@ -40,7 +40,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmotion._checks import counted, one_of, poisoned, raise_faults
+from jaxmotion._checks import counted, one_of, poisoned, raise_faults, static
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._room import Room, room_for
@@ -120,6 +120,7 @@ class Report(Portable):
         yield f"converged={brief(self.converged)}"
 
 
+@static("max_steps", "throw")
 def satisfy(
     motion: Motion,
     contacts: Contacts,

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import known, one_of, require
+from jaxmotion._checks import known, one_of, require, static
 from jaxmotion._numerics import safe_sqrt
 from jaxmotion._portable import Portable
 from jaxmotion._summary import brief
@@ -62,6 +62,7 @@ class Alignment(Portable):
         yield f"distance={brief(self.distance)}"
 
 
+@static("window")
 def align(
     source: Motion,
     reference: Motion,

@@ -27,12 +27,12 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmotion._checks import one_of
+from jaxmotion._checks import one_of, static
 from jaxmotion._portable import Portable
-from jaxmotion._types import ArrayLike, ScalarLike
+from jaxmotion._types import ArrayLike, Metric, ScalarLike
 from jaxmotion.frames.count import frame_mask
 from jaxmotion.timing.accumulate import accumulator, choice_radix
-from jaxmotion.timing.frame_distance import Metric, counted_pair, last_frames, local_cost
+from jaxmotion.timing.frame_distance import counted_pair, last_frames, local_cost
 from jaxmotion.timing.step_patterns import StepPattern, step_pattern_named
 
 
@@ -54,6 +54,7 @@ class WarpPath(Portable):
         return frame_mask(self.length, self.path.shape[-2])
 
 
+@static("window", "open_end", "min_matched")
 def dtw(
     x: ArrayLike | None = None,
     y: ArrayLike | None = None,

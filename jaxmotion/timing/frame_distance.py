@@ -13,9 +13,6 @@ agreeing frames that decide a warp. Sharp bit: the Euclidean distance has a kink
 its gradient is zero there.
 """
 
-from collections.abc import Callable
-from typing import TypeAlias
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,10 +22,8 @@ from jaxtyping import Array, Float
 
 from jaxmotion._checks import counted, one_of
 from jaxmotion._numerics import safe_sqrt
-from jaxmotion._types import ArrayLike, ScalarLike
+from jaxmotion._types import ArrayLike, Metric, ScalarLike
 from jaxmotion.timing.pose_distance import pose_distance
-
-Metric: TypeAlias = str | Callable[[Array, Array], Array]
 
 _FEATURES_AT_ONCE = 32  # unrolled into one fused pass over the (n, m) accumulator
 

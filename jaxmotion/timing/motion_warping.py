@@ -41,7 +41,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import fault, known, raise_faults
+from jaxmotion._checks import fault, known, raise_faults, static
 from jaxmotion._portable import Portable
 from jaxmotion._summary import brief, some
 from jaxmotion._types import AnyArray, ScalarLike
@@ -98,6 +98,7 @@ class MotionWarp(Portable):
         return jnp.concatenate([jnp.ones_like(moved[:1]), moved])
 
 
+@static("shared", "slope", "max_iterations", "throw")
 def motion_warping(
     source: Float[AnyArray, "source channels"],
     reference: Float[AnyArray, "reference _"],
@@ -217,6 +218,7 @@ def _about_the_mean(s: Array, r: Array) -> tuple[Array, Array, Array]:
     return jnp.where(moves, swing - middle, 0), (r - s[0]) - middle, s[0] + middle
 
 
+@static("rotations")
 def unwarp(
     warped: Float[AnyArray, "refined ..."], warp: MotionWarp, *, rotations: bool = False
 ) -> Float[Array, "source ..."]:

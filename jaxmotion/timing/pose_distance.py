@@ -23,9 +23,11 @@ from jax import lax
 from jaxtyping import Array, Float
 from numpy.polynomial import Chebyshev, Polynomial
 
+from jaxmotion._checks import static
 from jaxmotion._types import ArrayLike
 
 
+@static("trim")
 def pose_distance(
     x: ArrayLike, y: ArrayLike, *, trim: int = 0, weights: ArrayLike | None = None
 ) -> Float[Array, "frames_x frames_y"]:

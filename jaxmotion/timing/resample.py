@@ -37,7 +37,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import known, one_of, require, traced
+from jaxmotion._checks import known, one_of, require, static, traced
 from jaxmotion._numerics import safe_norm
 from jaxmotion._program import one_program
 from jaxmotion._room import Room, room_for
@@ -64,6 +64,7 @@ class Reading(NamedTuple):
     fraction: AnyArray
 
 
+@static("num_frames")
 def resample(
     motion: Motion,
     *,

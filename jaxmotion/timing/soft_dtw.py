@@ -45,9 +45,9 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 from jaxmotion._checks import known, require, traced
-from jaxmotion._types import ArrayLike, ScalarLike
+from jaxmotion._types import ArrayLike, Metric, ScalarLike
 from jaxmotion.timing.antidiagonals import entering, in_strips, skew, unskew
-from jaxmotion.timing.frame_distance import Metric, counted_pair, last_frames, local_cost
+from jaxmotion.timing.frame_distance import counted_pair, last_frames, local_cost
 
 # With 1000 x 1000 cells in float64, costs, shares and one strip at work then stay below 32 MB. What
 # is larger, glibc hands back after each call, and the next one pays for every page again.

@@ -18,14 +18,15 @@ def plot_alignment(
 
     **Arguments:** ``alignment``: of one pair of clips, not traced; times are in frames; ``source``,
     ``reference``: what to call the clips.
-    **Returns:** a Matplotlib figure of its own (``figure.savefig("path.png")``), outside pyplot.
+    **Returns:** a Matplotlib figure of its own (``figure.savefig("path.png")``), outside pyplot;
+    notebooks show it.
     **Raises:** ``ImportError`` without Matplotlib.
     """
-    from matplotlib.figure import Figure
+    from jaxmotion.viz.picture import Picture
 
     path = np.asarray(alignment.path)[: int(alignment.length)]
     times = np.asarray(alignment.source_frame)
-    figure = Figure(figsize=(6.0, 5.0), layout="constrained")
+    figure = Picture(figsize=(6.0, 5.0), layout="constrained")
     axes = figure.add_subplot()
     axes.plot(path[:, 1], path[:, 0], ".", color="0.6", markersize=3, label="pairs of frames")
     axes.plot(np.arange(len(times)), times, color="C0", label="time that is read")

@@ -20,11 +20,11 @@ def plot_contacts(motion: Motion, contacts: Contacts) -> "Figure":
 
     **Arguments:** ``motion``: T frames; ``contacts``: of T frames.
     **Returns:** a Matplotlib figure of its own (``figure.savefig("contacts.png")``), outside
-    pyplot, with one row a point (one empty row if there are none).
+    pyplot, with one row a point (one empty row if there are none); notebooks show it.
     **Raises:** ``ValueError`` for contacts of another number of frames; ``ImportError`` without
     Matplotlib.
     """
-    from matplotlib.figure import Figure
+    from jaxmotion.viz.picture import Picture
 
     check_frames(motion, contacts, "plot_contacts")
     seconds = float(motion.frame_time)
@@ -32,7 +32,7 @@ def plot_contacts(motion: Motion, contacts: Contacts) -> "Figure":
     heights = np.asarray(contacts.points.positions(motion))[..., up]
     found = intervals(contacts)
     rows = max(1, contacts.num_points)
-    figure = Figure(figsize=(8.0, 1.0 + 1.3 * rows), layout="constrained")
+    figure = Picture(figsize=(8.0, 1.0 + 1.3 * rows), layout="constrained")
     grid = figure.subplots(rows, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for axes, name, height in zip(grid, contacts.names, heights.T, strict=False):
         axes.plot(seconds * np.arange(len(height)), height, color="C0")

@@ -1,9 +1,15 @@
 """Presets and the types of options."""
 
+import inspect
+
 import click
 import pytest
 
-from jaxmotion.cli._options import FrameRange, Gain, Selection
+from jaxmotion import contacts, layers, multiresolution, timing
+from jaxmotion.cli._app import app
+from jaxmotion.cli._joining import Joining
+from jaxmotion.cli._options import Batch, FrameRange, Gain, Reading, Running, Selection
+from jaxmotion.io.bvh import save_bvh
 
 
 @pytest.mark.parametrize(
@@ -76,3 +82,51 @@ def test_missing_preset_and_bad_values(jaxmotion, take, tmp_path, edited):
     preset = tmp_path / "preset.toml"
     preset.write_text("strength = 7")
     assert "7" in jaxmotion("denoise", take, "-o", "out", "--preset", preset, code=2).stderr
+
+
+# What each command calls, and its options that are of no argument or of a part of one.
+CALLS = {
+    "align": ((timing.align,), {"path", "plot"}),
+    "blend": ((multiresolution.blend,), set()),
+    "contacts": ((contacts.detect,), {"json", "restore"}),
+    "convert": ((save_bvh,), {"to"}),
+    "denoise": ((layers.denoise,), set()),
+    "layers": ((layers.decompose,), set()),
+    "multires": (
+        (
+            multiresolution.build_pyramid,
+            multiresolution.scale_details,
+            multiresolution.level_of_detail,
+        ),
+        set(),
+    ),
+    "retime": (
+        (layers.time_warp, timing.resample),
+        {"to-fps", "ease-in", "ease-out", "keep-duration"},
+    ),
+    "stitch": ((multiresolution.stitch,), set()),
+    "style": ((layers.stylize,), {"gain"}),
+}
+GROUPS = [Batch, Joining, Reading, Running, Selection]
+COMMON = {field for group in GROUPS for field in group.__dataclass_fields__} | {"range", "preset"}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_options_have_the_names_of_the_arguments(name):
+    functions, own = CALLS[name]
+    arguments = {a for function in functions for a in inspect.signature(function).parameters}
+    command = app.get_command(click.Context(app), name)
+    for option in (p for p in command.params if isinstance(p, click.Option)):
+        names = {opt.lstrip("-") for opt in option.opts}
+        spelt = {n.removeprefix("no-").replace("-", "_") for n in names}
+        assert spelt & (arguments | COMMON | {"cache"}) or names & own, f"{name}: {option.opts}"
+
+
+def test_both_names_of_an_option_are_one(jaxmotion, take, tmp_path, edited):
+    jaxmotion("denoise", take, "-o", "out", "--paper")
+    jaxmotion("denoise", take, "-o", "out", "--no-tune")
+    preset = tmp_path / "house.toml"
+    for key in ("auto", "tune"):
+        preset.write_text(f"[denoise]\n{key} = false\n")
+        jaxmotion("denoise", take, "-o", "out", "--preset", preset)
+    assert [edit.keywords for edit, *_ in edited] == [{"options": {"tune": False}}] * 4

@@ -1,11 +1,12 @@
 """Every kind of finding on clips made to have it, and none on clips that are clean."""
 
+import jax
 import numpy as np
 import pytest
 
 import jaxmotion as jm
 from jaxmotion.metrics.checks import KINDS, find_problems
-from tests.helpers import quaternions_by
+from tests.helpers import quaternions_by, random_motion, scipy_rotation
 
 
 def swinging(frames=60, fps=60.0, channels=None):
@@ -149,3 +150,71 @@ def test_kinds_are_listed():
 
 def test_float32():
     assert found(swinging().astype(np.float32)) == []
+
+
+def kinds(motion):
+    return jm.check(motion).kinds
+
+
+def test_check_names_wrong_conventions():
+    walk = jm.samples.load("walk", num_frames=60).motion
+    q = np.asarray(walk.rotations)
+    assert not jm.check(walk)
+    assert str(jm.check(walk)) == "nothing found"
+
+    def turned(rotations):
+        return walk.with_transforms(rotations=jax.numpy.asarray(rotations))
+
+    assert kinds(turned(np.roll(q, -1, -1))) == ("order",)
+    assert kinds(turned(2 * q)) == ("norm",)
+    assert kinds(walk.replace(frame_time=jax.numpy.asarray(30.0))) == ("rate",)
+    angles = scipy_rotation(q).as_euler("ZXY", degrees=True)
+    wild = jm.quaternion.from_euler(angles.reshape(*q.shape[:-1], 3))
+    assert "degrees" in kinds(turned(wild))
+    assert kinds(walk.astype(jax.numpy.bfloat16))[0] == "dtype"
+    mixed = walk.with_transforms(rotations=q.astype(np.float32))
+    assert kinds(mixed) == ("dtype",)
+    assert kinds(turned(np.roll(q, -1, -1))[:1]) == ("order", "empty")
+
+
+def test_single_rotations_that_are_none_are_told_by_joint_and_frame():
+    def spoil(q, p):
+        q[10:13, 1] *= 3
+        q[40, 2] = 0
+
+    [three, none] = jm.check(changed(swinging(), spoil))
+    assert (three.kind, three.joint, three.frame, three.last_frame) == ("norm", "Arm", 10, 12)
+    assert (none.kind, none.joint, none.frame, none.last_frame) == ("norm", "Hand", 40, 40)
+    assert "norm 3" in three.message
+
+
+def test_notes_are_left_out_unless_asked_for():
+    def negate(q, p):
+        q[20:40, 2] *= -1
+
+    motion = changed(swinging(), negate)
+    assert jm.check(motion) == ()
+    assert jm.check(motion, notes=True).kinds == ("flip",)
+
+
+def test_findings_print_a_line_a_kind():
+    def spoil(q, p):
+        q[3:5, 1] = np.nan
+        q[9, 2] = np.nan
+        p[7, 0, 0] = np.inf
+
+    text = "nan: Hips, frame 7: values that are not numbers; 2 more, in 3 joints in all"
+    found = jm.check(changed(swinging(), spoil))
+    assert str(found) == repr(found) == text
+    assert len(found) == 3
+    assert bool(found)
+
+
+def test_check_takes_one_clip_that_is_known():
+    batch = random_motion(np.random.default_rng(0), 4, 3, batch=(2,))
+    with pytest.raises(ValueError, match=r"check: rotations \(2, 4, 3, 4\); expected one clip"):
+        jm.check(batch)
+    with pytest.raises(ValueError, match="check: the motion is traced"):
+        jax.jit(lambda m: len(jm.check(m)))(swinging())
+    with pytest.raises(ValueError, match="find_problems: the motion is traced"):
+        jax.jit(lambda m: len(find_problems(m)))(swinging())

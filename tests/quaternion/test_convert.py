@@ -273,3 +273,34 @@ def test_shapes_that_are_no_rotations_are_refused_by_name():
             function(*given)
     with pytest.raises(ValueError, match=r"to_euler: unwrap needs q of shape .*, got \(4,\)"):
         qt.to_euler(q[0], unwrap=True)
+
+
+def test_degrees_in_and_out(dtype):
+    q = random_quaternions(np.random.default_rng(5), (9, 3), dtype)
+    angles = qt.to_euler(q, "ZXY", degrees=True)
+    assert angles.dtype == dtype
+    expected = scipy_rotation(q).as_euler("ZXY", degrees=True).reshape(9, 3, 3)
+    np.testing.assert_allclose(angles, expected, atol=1e4 * TOLERANCE[dtype.name])
+    back = qt.from_euler(angles, "ZXY", degrees=True)
+    assert back.dtype == dtype
+    assert_same_rotation(back, q, 100 * TOLERANCE[dtype.name])
+    smooth = qt.to_euler(q, "ZXY", unwrap=True, degrees=True)
+    np.testing.assert_allclose(
+        smooth, np.degrees(qt.to_euler(q, "ZXY", unwrap=True)), 10 * TOLERANCE[dtype.name]
+    )
+
+
+def test_the_real_part_first_or_last(dtype):
+    q = random_quaternions(np.random.default_rng(6), (5, 2), dtype)
+    last = qt.to_xyzw(q)
+    assert last.dtype == dtype
+    np.testing.assert_array_equal(last[..., 3], q[..., 0])
+    np.testing.assert_array_equal(last[..., :3], q[..., 1:])
+    np.testing.assert_allclose(
+        Rotation.from_quat(np.asarray(last).reshape(-1, 4)).as_matrix(),
+        scipy_rotation(q).as_matrix(),
+        atol=1e-6,
+    )
+    np.testing.assert_array_equal(qt.from_xyzw(last), q)
+    with no_shape_checks(), pytest.raises(ValueError, match=r"q must have shape \(..., 4\)"):
+        qt.from_xyzw(np.ones(3))

@@ -118,6 +118,7 @@ def test_every_edit_takes_keep_contacts(original, contacts):
     want = keep_contacts(edit, original)
     for got in (
         restore(edit, contacts)[0],
+        keep_contacts(edit, original=original),
         jm.stylize(original, 2.0, keep_contacts=True),
         jm.stylize(original, 2.0, keep_contacts=contacts),
         jm.synthesize(jm.decompose(original), 2.0, keep_contacts=True),
@@ -182,9 +183,12 @@ def test_an_answer_that_is_not_at_rest_warns(original, contacts, monkeypatch):
         keep_contacts(edit, original, contacts)
     short = functools.partial(jm.spacetime.satisfy, max_steps=2)
     monkeypatch.setattr(jm.spacetime, "satisfy", short)
-    with pytest.warns(ConvergenceWarning, match=r"not at rest after 2 steps: .* up to [0-9.]+ "):
+    with pytest.warns(
+        ConvergenceWarning, match=r"not at rest after 2 steps: .* up to [0-9.]+ "
+    ) as told:
         got = keep_contacts(edit, original, contacts)
     assert got.num_frames == FRAMES
+    assert told[0].filename == __file__
     jax.eval_shape(keep_contacts, edit, original, contacts)
     with pytest.raises(eqx.EquinoxRuntimeError, match="satisfy: not at rest"):
         short(edit, contacts, throw=True)
