@@ -205,8 +205,7 @@ def satisfy(
 
 
 def with_room(motion: Motion, contacts: Contacts, *given) -> tuple[Room, Motion, Contacts]:
-    """Room for a clip and its contacts, and the two in it; ``given``: whatever else may be
-    traced."""
+    """Room for a clip and its contacts, and both in it; ``given``: what else may be traced."""
     room = room_for(motion, contacts, given)
     filled = tuple(map(room.fill, over_time(contacts)))
     return room, room.fill(motion), eqx.tree_at(over_time, contacts, filled)
