@@ -247,7 +247,7 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
 
 def asked_for(ctx: click.Context) -> dict[str, Any]:
     """The command and those of its options that change what it writes."""
-    options = {_flag(p): p for p in ctx.command.params if isinstance(p, click.Option)}
+    options = {_flags(p)[0]: p for p in ctx.command.params if isinstance(p, click.Option)}
     chosen = {flag: ctx.params[p.name] for flag, p in options.items() if p.name in ctx.params}
     return {"command": ctx.info_name, **{f: chosen[f] for f in chosen if f not in _MANNERS}}
 
