@@ -11,6 +11,9 @@ Conventions, the same in every room:
 - dtype in = dtype out, float32 or float64. Importing changes no global setting.
 - Wrong shapes and static values raise ``ValueError``; traced trouble raises at run time, or
   becomes NaN, as :func:`jaxmotion.checks` says.
+- One clip at a time, but where a page says that batch axes are allowed; :func:`stack` makes a batch
+  for ``jax.vmap``. What works frame by frame takes NaN and gives it back; what would spread it
+  refuses it, and says where it is.
 - Discrete choices (signs, warp paths, neighbours, thresholds) pass no gradient.
 
 What a room's ``__all__`` names is public; other modules and names are the library's own and may
@@ -44,6 +47,7 @@ _HOMES = {
     "Skeleton": "skeleton",
     "Motion": "motion",
     "UpGuess": "axes",
+    "concatenate": "clips",
     "guess_up": "axes",
     "reorient": "axes",
     "facing_direction": "kinematics",
@@ -54,6 +58,7 @@ _HOMES = {
     "decompose": "layers",
     "denoise": "layers",
     "joint_weights": "layers",
+    "stack": "clips",
     "stylize": "layers",
     "synthesize": "layers",
     "time_warp": "layers",
@@ -79,6 +84,7 @@ if TYPE_CHECKING:
     )
     from jaxmotion._checks import checks
     from jaxmotion.axes import UpGuess, guess_up, reorient
+    from jaxmotion.clips import concatenate, stack
     from jaxmotion.io import load, save
     from jaxmotion.kinematics import facing_direction, forward_kinematics, velocities
     from jaxmotion.layers import (
@@ -100,6 +106,7 @@ __all__ = [
     "Skeleton",
     "UpGuess",
     "checks",
+    "concatenate",
     "contacts",
     "decompose",
     "denoise",
@@ -121,6 +128,7 @@ __all__ = [
     "save",
     "smoothing",
     "spacetime",
+    "stack",
     "stylize",
     "synthesize",
     "time_warp",

@@ -31,9 +31,9 @@ from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
 from jaxmotion._checks import traced
+from jaxmotion._entry import a_motion, skeleton_of
 from jaxmotion._portable import Portable
 from jaxmotion.motion import Motion
-from jaxmotion.quaternion.algebra import multiply
 from jaxmotion.quaternion.parts import normalized, product, rotated
 from jaxmotion.skeleton import Skeleton, levels_of
 
@@ -61,7 +61,6 @@ class WorldPose(Portable):
     end_positions: Float[Array, "*batch time end 3"]
 
 
-@eqx.filter_jit
 def forward_kinematics(motion: Motion) -> WorldPose:
     """World positions and rotations of every joint and end site.
 
@@ -79,6 +78,12 @@ def forward_kinematics(motion: Motion) -> WorldPose:
         >>> pose.positions.shape, pose.rotations.shape, pose.end_positions.shape
         ((16, 22, 3), (16, 22, 4), (16, 5, 3))
     """
+    a_motion("forward_kinematics", motion)
+    return _world_pose(motion)
+
+
+@eqx.filter_jit
+def _world_pose(motion: Motion) -> WorldPose:
     batch = motion.rotations.shape[:-2]
     moved = tuple(sorted(set(motion.translated_joints)))
     resting = jnp.broadcast_to(motion.translations[..., :1, :, :], motion.translations.shape)
@@ -90,13 +95,14 @@ def forward_kinematics(motion: Motion) -> WorldPose:
         _to_lanes(resting),
     )
     ends = np.asarray(motion.skeleton.end_joints, int)
-    offsets = jnp.asarray(motion.skeleton.end_offsets, motion.dtype)[:, :, None]
-    tips = positions[ends] + _turned(world[ends], jnp.unstack(offsets, axis=1))
+    offsets = jnp.asarray(motion.skeleton.end_offsets, motion.dtype)[..., None, :, :]
+    offsets = jnp.broadcast_to(offsets, (*batch, *offsets.shape[-2:]))
+    tips = positions[ends] + _turned(world[ends], jnp.unstack(_to_lanes(offsets), axis=1))
     return WorldPose(*(_from_lanes(x, batch) for x in (positions, world, tips)))
 
 
 def _to_lanes(x: Array) -> Lanes:
-    return jnp.transpose(x.reshape(-1, *x.shape[-2:]), (1, 2, 0))
+    return jnp.transpose(x.reshape(int(np.prod(x.shape[:-2])), *x.shape[-2:]), (1, 2, 0))
 
 
 def _from_lanes(x: Lanes, batch: tuple[int, ...]) -> Array:
@@ -265,7 +271,6 @@ class WorldVelocity(Portable):
     angular: Float[Array, "*batch time joint 3"]
 
 
-@eqx.filter_jit
 def velocities(motion: Motion) -> WorldVelocity:
     """Velocities of every joint in the world.
 
@@ -283,6 +288,12 @@ def velocities(motion: Motion) -> WorldVelocity:
         >>> round(float(speed.linear[:, 0, 2].mean()), 2)
         1.25
     """
+    a_motion("velocities", motion)
+    return _velocities(motion)
+
+
+@eqx.filter_jit
+def _velocities(motion: Motion) -> WorldVelocity:
     pose = forward_kinematics(motion)
     frames = motion.num_frames
     before = np.maximum(np.arange(frames) - 1, 0)
@@ -292,21 +303,22 @@ def velocities(motion: Motion) -> WorldVelocity:
     )
     x, q = pose.positions, pose.rotations
     linear = x[..., after, :, :] - x[..., before, :, :]
-    turn = multiply(q[..., after, :, :], quaternion.conjugate(q[..., before, :, :]))
+    turn = quaternion.multiply(q[..., after, :, :], quaternion.conjugate(q[..., before, :, :]))
     # A frame against itself: nothing, not the rounding of its product.
     angular = quaternion.log(turn) if frames > 1 else jnp.zeros_like(q[..., 1:])
     return WorldVelocity(linear / seconds, angular / seconds)
 
 
-def mirrored_pairs(skeleton: Skeleton) -> tuple[tuple[int, int], ...]:
+def mirrored_pairs(skeleton: Skeleton | Motion) -> tuple[tuple[int, int], ...]:
     """Joints whose names differ only in side.
 
     Sides are Left/Right, or an L and R that stand apart ("Hand_L") or lead a lower-case name that
     has its twin ("lfemur").
 
-    **Arguments:** ``skeleton``: J joints.
+    **Arguments:** ``skeleton``: J joints, or a motion of them.
     **Returns:** (left, right) joint numbers, in the order of the left ones.
     """
+    skeleton = skeleton_of("mirrored_pairs", skeleton)
     lower = {name.lower(): j for j, name in enumerate(skeleton.names)}
     pairs = []
     for name, j in lower.items():
@@ -333,8 +345,8 @@ def facing_direction(
     each limb (hips, shoulders).
     **Returns:** f[T, 3]; the frames where left and right stand one above the other have none, and
     get the zero vector with zero gradient.
-    **Raises:** ``ValueError`` when the skeleton has no mirrored joints and none are given, or pairs
-    are not of its joints.
+    **Raises:** ``ValueError`` for what is no motion, when the skeleton has no mirrored joints and
+    none are given, or pairs are not of its joints.
 
     **Example:**
 
@@ -343,6 +355,7 @@ def facing_direction(
         >>> facing.shape, bool(facing[:, 2].min() > 0.9)
         ((16, 3), True)
     """
+    a_motion("facing_direction", motion)
     return _facing(motion, None if pairs is None else _checked_pairs(pairs, motion.num_joints))
 
 

@@ -33,6 +33,9 @@ class _Kept(NamedTuple):
 class Motion(Portable):
     """A clip. Slice it along time: ``motion[10:90]``, ``motion[::2]`` (the frame time doubles).
 
+    Clips put together by :func:`jaxmotion.stack` or ``jax.vmap`` are a batch: every array has the
+    batch axes in front, those of the skeleton too.
+
     **Fields:**
 
     - ``skeleton``: the :class:`~jaxmotion.Skeleton`.
@@ -117,6 +120,7 @@ class Motion(Portable):
         """
         rotations = jnp.asarray(rotations)
         offsets = jnp.asarray(skeleton.offsets, rotations.dtype)
+        offsets = offsets[..., None, :, :]  # in every frame
         translations = jnp.broadcast_to(offsets, (*rotations.shape[:-1], 3))
         translations = translations.at[..., 0, :].set(root_positions)
         return cls(skeleton, translations, rotations, frame_time, translated_joints=(0,), **kwargs)

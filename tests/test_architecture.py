@@ -19,26 +19,33 @@ PACKAGE = Path(jaxmotion.__file__).parent
 FLOORS = (
     (
         *("_types", "_numerics", "_checks", "_autodiff"),
-        *("_portable", "_lazy", "_plain", "_file_facts", "_asf_bone"),
+        *("_portable", "_program", "_lazy", "_plain", "_file_facts", "_asf_bone"),
     ),
     ("quaternion", "linalg", "frames"),
-    ("skeleton", "motion", "kinematics", "displacement", "confine", "axes", "io", "samples"),
+    (
+        *("skeleton", "motion", "_entry", "clips"),
+        *("kinematics", "displacement", "confine", "axes", "io", "samples"),
+    ),
     ("smoothing", "timing"),
     ("layers", "multiresolution", "style", "cleaning", "contacts", "spacetime"),
     ("metrics", "viz", "corpus"),
     ("cli", "__main__"),
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-# Skeleton and Motion are what the rest of their floor speaks; the others are services to an edit.
+# Skeleton and Motion are what the rest of their floor speaks, _entry is its door; the others are
+# services to an edit.
 SIDEWAYS = {
     "_checks": {"_types"},
+    "_program": {"_checks"},
     "motion": {"skeleton"},
-    "kinematics": {"skeleton", "motion"},
-    "displacement": {"skeleton", "motion"},
-    "confine": {"skeleton", "motion", "displacement"},
-    "axes": {"skeleton", "motion"},
-    "io": {"skeleton", "motion", "axes"},
-    "samples": {"skeleton", "motion", "kinematics"},
+    "_entry": {"skeleton", "motion"},
+    "clips": {"skeleton", "motion", "_entry"},
+    "kinematics": {"skeleton", "motion", "_entry"},
+    "displacement": {"skeleton", "motion", "_entry"},
+    "confine": {"skeleton", "motion", "_entry", "displacement"},
+    "axes": {"skeleton", "motion", "_entry"},
+    "io": {"skeleton", "motion", "_entry", "axes"},
+    "samples": {"skeleton", "motion", "_entry", "kinematics"},
     "layers": {"contacts", "spacetime"},
     "multiresolution": {"contacts", "spacetime"},
     "style": {"contacts", "spacetime"},

@@ -24,10 +24,19 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._checks import counted, one_number, one_of, require, traced
+from jaxmotion._entry import finite_clip, one_clip
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import height_speed, rigid
-from jaxmotion.contacts.contact import FREE, PLANE, POINT, ContactPoints, Contacts, check_frames
+from jaxmotion.contacts.contact import (
+    FREE,
+    PLANE,
+    POINT,
+    ContactPoints,
+    Contacts,
+    check_frames,
+    check_points,
+)
 from jaxmotion.contacts.feet import find_feet
 from jaxmotion.contacts.nearby import floor_near, motion_near, origin_of
 from jaxmotion.frames.count import frame_mask
@@ -54,8 +63,8 @@ def detect(
 ) -> Contacts:
     """Find the contacts of a motion.
 
-    **Arguments:** ``motion``: T frames, J joints; ``method``: "segments" or "thresholds", see the
-    module; ``points``: which points may touch, by default the heels and balls of the feet
+    **Arguments:** ``motion``: one clip, T frames, J joints; ``method``: "segments" or "thresholds",
+    see the module; ``points``: which points may touch, by default the heels and balls of the feet
     (:func:`find_feet`); ``joints``: names or numbers of joints whose origins may touch, instead of
     ``points``; ``floor``: "auto" asks that a point be near its own lowest level, a number (file
     unit) that it be near this height, None nothing; ``window``: frames in 0.08 s, static, by
@@ -69,6 +78,7 @@ def detect(
     a length outside 1 to T; under ``jit`` or ``vmap`` when the window, or both points and joints,
     are left out; at run time for such a tolerance or length that is traced.
     """
+    one_clip("detect", motion)
     one_of("detect: method", method, ("segments", "thresholds"))
     if points is not None and joints is not None:
         raise ValueError("detect: points and joints are both given; expected one of them")
@@ -79,8 +89,10 @@ def detect(
     scale = one_number("detect: tolerance", tolerance)
     motion = require(motion, ~(scale > 0), "detect: tolerance must be above 0", got=tolerance)
     count, motion = counted("detect: length", length, motion.num_frames, motion)
+    finite_clip("detect", motion, length=length)
     if points is None:
         points = find_feet(motion, length=length)
+    check_points(points, "detect")
     frames = min(_window(motion, window), motion.num_frames)
     kind = motion.dtype
     level = floor if floor is None or isinstance(floor, str) else jnp.asarray(floor, kind)
@@ -171,12 +183,15 @@ def limb_lengths(
 
     For points without a limb it is half of the skeleton's longest chain.
 
-    **Arguments:** ``motion``: T frames; ``points``: C points of its skeleton; ``length``: number of
-    frames that count, the first ones, for padded clips.
+    **Arguments:** ``motion``: one clip, T frames; ``points``: C points of its skeleton; ``length``:
+    number of frames that count, the first ones, for padded clips.
     **Returns:** f[C], file unit.
     **Raises:** ``ValueError`` for a length outside 1 to T; at run time for one that is traced.
     """
+    one_clip("limb_lengths", motion)
+    check_points(points, "limb_lengths")
     count, motion = counted("limb_lengths: length", length, motion.num_frames, motion)
+    finite_clip("limb_lengths", motion, length=length)
     return mean_limb_lengths(motion, points, frame_mask(count, motion.num_frames))
 
 
@@ -202,11 +217,12 @@ def replant(motion: Motion, contacts: Contacts) -> Contacts:
     Means over each contact, weighted by confidence. For contacts that were found on another clip,
     or drawn by hand.
 
-    **Arguments:** ``motion``: T frames; ``contacts``: of T frames.
+    **Arguments:** ``motion``: one clip, T frames; ``contacts``: of T frames.
     **Returns:** :class:`Contacts`; only targets differ.
     **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
     check_frames(motion, contacts, "replant")
+    finite_clip("replant", motion)
     origin = origin_of(motion)
     positions = contacts.points.positions(motion_near(motion, origin))
     target = mean_over_runs(contacts.mask, positions, contacts.confidence)

@@ -34,23 +34,15 @@ def bucket_size(num_frames: int, smallest: int = 16) -> int:
     return size
 
 
-def pad_to_bucket(
+def padded(
     clip: Shaped[AnyArray, "frames ..."], size: int | None = None
-) -> tuple[Shaped[AnyArray, "size ..."], int]:
-    """Repeat the last frame up to a clip's bucket.
-
-    **Arguments:** ``clip``: (frames, ...); ``size``: frames of the padded clip, the clip's
-    :func:`bucket_size` when omitted.
-    **Returns:** the padded clip (size, ...) and the number of frames that count, both to be passed
-    on.
-    **Raises:** ``ValueError`` for an empty clip, or a size smaller than the clip.
-    """
+) -> Shaped[AnyArray, "size ..."]:
+    """The clip, its last frame repeated up to ``size``, its :func:`bucket_size` when omitted."""
     frames = clip.shape[0]
     size = bucket_size(frames) if size is None else size
     if size < frames:
         raise ValueError(f"size={size}; want at least the clip's {frames} frames")
-    index = np.minimum(np.arange(size), frames - 1)
-    return clip[index], frames
+    return clip[np.minimum(np.arange(size), frames - 1)]
 
 
 def in_buckets(*clips: AnyArray) -> tuple[AnyArray, ...]:
@@ -59,4 +51,4 @@ def in_buckets(*clips: AnyArray) -> tuple[AnyArray, ...]:
     if traced(clips):
         return clips
     clips = tuple(map(np.asarray, clips))  # type: ignore[assignment]
-    return tuple(pad_to_bucket(c)[0] if len(c) > 1 else c for c in clips)
+    return tuple(padded(c) if len(c) > 1 else c for c in clips)

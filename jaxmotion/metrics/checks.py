@@ -25,6 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jaxmotion._entry import one_clip
 from jaxmotion.axes import doubt_up
 from jaxmotion.metrics import measures
 from jaxmotion.motion import Motion
@@ -73,7 +74,9 @@ def find_problems(
     radians.
     **Returns:** a list of :class:`Problem` in the order of the table, then by joint and frame; none
     is good news.
+    **Raises:** ``ValueError`` for what is not one clip.
     """
+    one_clip("find_problems", motion, on_host=True)
     broken = list(_not_finite(motion))
     if broken:
         return broken

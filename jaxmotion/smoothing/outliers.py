@@ -28,7 +28,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
-from jaxmotion._checks import one_of
+from jaxmotion._checks import no_module, one_of
+from jaxmotion._entry import MISSING, finite_clip
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
@@ -57,7 +58,7 @@ def outlier_weights(
 
     O(T·J) a round. No gradient passes through the weights.
 
-    **Arguments:** ``y``: f[T, J, C] of J groups of C channels, f[T] one channel, or a motion;
+    **Arguments:** ``y``: f[T, J, C] of J groups of C channels, f[T] one channel, or one clip;
     ``loss``: "huber" or "cauchy", see the module; ``weights``: f[T] or f[T, J], ≥ 0, what is known
     beforehand, 0 for missing; ``order``: of the smoother.
     **Returns:** f[T, J] in [0, 1] times ``weights`` (f[T] for a single channel); of a motion's
@@ -67,8 +68,8 @@ def outlier_weights(
     """
     one_of("outlier_weights: loss", loss, BEND)
     if isinstance(y, Motion):
-        for name in ("rotations", "translations"):
-            check_known(f"outlier_weights: {name}", getattr(y, name), weights, order=order)
+        y = finite_clip("outlier_weights", y, "y", weights=weights, at_run_time=True, hint=MISSING)
+        check_known("outlier_weights: y", y.rotations, weights, order=order)
         rotations, translations = jnp.asarray(y.rotations), jnp.asarray(y.translations)
         given = _given(weights, translations)
         trusted = _reweighted(rotations, given, loss, order, True)
@@ -77,6 +78,7 @@ def outlier_weights(
             return trusted
         moving = _reweighted(translations[:, moved], given[:, moved], loss, order, False)
         return trusted.at[:, moved].min(moving)
+    no_module("outlier_weights: y", y)
     y = jnp.asarray(y)
     if y.ndim not in (1, 3):
         raise ValueError(f"outlier_weights: y has shape {y.shape}; expected (T, J, C) or (T,)")

@@ -31,8 +31,9 @@ from jaxmotion._checks import one_of
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.frames.count import frame_mask
+from jaxmotion.motion import Motion
 from jaxmotion.timing.accumulate import accumulator, choice_radix
-from jaxmotion.timing.frame_distance import Metric, counted_pair, last_frames, local_cost
+from jaxmotion.timing.frame_distance import Metric, compared, counted_pair, last_frames, local_cost
 from jaxmotion.timing.step_patterns import StepPattern, step_pattern_named
 
 
@@ -55,11 +56,11 @@ class WarpPath(Portable):
 
 
 def dtw(
-    x: ArrayLike | None = None,
-    y: ArrayLike | None = None,
+    x: ArrayLike | Motion | None = None,
+    y: ArrayLike | Motion | None = None,
     *,
     cost: ArrayLike | None = None,
-    metric: Metric = "euclidean",
+    metric: Metric | None = None,
     step_pattern: str = "symmetric",
     window: int | None = None,
     open_end: bool | str = False,
@@ -75,10 +76,11 @@ def dtw(
 
     **Arguments:**
 
-    - ``x``: features f[n, f], or local rotations f[n, J, 4] with ``metric="pose"``.
-    - ``y``: features f[m, f] or rotations f[m, J, 4].
+    - ``x``: features f[n, f], or local rotations f[n, J, 4] with ``metric="pose"``, or a motion.
+    - ``y``: features f[m, f] or rotations f[m, J, 4], or a motion of the same joints.
     - ``cost``: f[n, m], a cost matrix instead of x and y.
-    - ``metric``: distance of two frames; see :func:`frame_distance`.
+    - ``metric``: distance of two frames; see :func:`frame_distance`. By default "pose" of motions,
+      whose rotations are compared, and "euclidean" of arrays.
     - ``step_pattern``: "symmetric", "symmetric2", "asymmetric", "slope1", "slope2" or "slope3"
       (:mod:`jaxmotion.timing.step_patterns`).
     - ``window``: radius in frames of a Sakoe-Chiba band; with clips of different length the band is
@@ -99,8 +101,9 @@ def dtw(
     that are not those of frames there are.
     """
     pattern = step_pattern_named(step_pattern)
-    (x, y, cost), n, m = counted_pair("dtw", x, y, cost, x_length, y_length)
-    return _dtw(x, y, cost, n, m, metric, pattern, window, open_end, min_matched, normalize)
+    *pair, metric = compared("dtw", x, y, metric, "euclidean")
+    clips, n, m = counted_pair("dtw", *pair, cost, x_length, y_length)
+    return _dtw(*clips, n, m, metric, pattern, window, open_end, min_matched, normalize)
 
 
 @eqx.filter_jit
