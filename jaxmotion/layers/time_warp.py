@@ -77,7 +77,7 @@ def time_warp(
 
     **Returns:** a motion of the same frame time.
     **Raises:** ``ValueError`` for what is not one finite clip, arguments that do not fit together,
-    times that do not increase, a negative ``amount`` or ``ease``; a traced duration.
+    times that fall, a negative ``amount`` or ``ease``, a traced duration; at run time if traced.
 
     **Example:**
 

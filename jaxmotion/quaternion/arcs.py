@@ -27,7 +27,7 @@ def shortest_arc(source: Vector3, goal: Vector3) -> Quaternion:
     cosine = jnp.where(known, jnp.sum(a * b, -1), 1)
     across = jnp.where(known[..., None], jnp.cross(a, b), 0)
     opposite = cosine < -1 + 64 * float(jnp.finfo(cosine.dtype).eps)
-    turned = unit_across(jnp.zeros_like(a), a, 0)
+    turned = unit_across(jnp.zeros_like(a), a, 0.0)
     real = jnp.where(opposite, 0, 1 + cosine)
     vector = jnp.where(opposite[..., None], turned, across)
     return normalize(jnp.concatenate([real[..., None], vector], axis=-1))
