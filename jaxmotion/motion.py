@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 from jaxmotion._checks import known, require, traced
 from jaxmotion._file_facts import file_fact
 from jaxmotion._portable import Portable
+from jaxmotion._program import one_program
 from jaxmotion._types import AnyArray, Scalar
 from jaxmotion.skeleton import Skeleton
 
@@ -119,10 +120,8 @@ class Motion(Portable):
         **Raises:** as the class.
         """
         rotations = jnp.asarray(rotations)
-        offsets = jnp.asarray(skeleton.offsets, rotations.dtype)
-        offsets = offsets[..., None, :, :]  # in every frame
-        translations = jnp.broadcast_to(offsets, (*rotations.shape[:-1], 3))
-        translations = translations.at[..., 0, :].set(root_positions)
+        root = jnp.asarray(root_positions)
+        translations = _with_root(skeleton.offsets, root, rotations)
         return cls(skeleton, translations, rotations, frame_time, translated_joints=(0,), **kwargs)
 
     @property
@@ -215,3 +214,15 @@ class Motion(Portable):
         """The same clip with every array in another floating-point type."""
 
         return jax.tree.map(lambda x: jnp.asarray(x, dtype), self)
+
+
+@one_program()
+def _with_root(
+    offsets: Float[AnyArray, "... joint 3"],
+    root: Float[Array, "... 3"],
+    rotations: Float[Array, "*batch time joint 4"],
+) -> Float[Array, "*batch time joint 3"]:
+    """The offsets in every frame, with the root where it is."""
+    still = offsets.astype(rotations.dtype)[..., None, :, :]
+    still = jnp.broadcast_to(still, (*rotations.shape[:-1], 3))
+    return still.at[..., 0, :].set(root)

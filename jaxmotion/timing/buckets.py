@@ -28,4 +28,4 @@ def pad_to_bucket(clip: Clip, size: int | None = None) -> tuple[Clip, int]:
         longer = clip.with_transforms(padded(clip.translations, size), padded(clip.rotations, size))
         return longer, clip.num_frames
     no_module("pad_to_bucket: clip", clip)
-    return padded(clip, size), clip.shape[0]
+    return padded(clip, size), clip.shape[0]  # type: ignore

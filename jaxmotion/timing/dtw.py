@@ -101,9 +101,9 @@ def dtw(
     that are not those of frames there are.
     """
     pattern = step_pattern_named(step_pattern)
-    *pair, metric = compared("dtw", x, y, metric, "euclidean")
-    clips, n, m = counted_pair("dtw", *pair, cost, x_length, y_length)
-    return _dtw(*clips, n, m, metric, pattern, window, open_end, min_matched, normalize)
+    x, y, metric = compared("dtw", x, y, metric, "euclidean")
+    (x, y, cost), n, m = counted_pair("dtw", x, y, cost, x_length, y_length)  # type: ignore
+    return _dtw(x, y, cost, n, m, metric, pattern, window, open_end, min_matched, normalize)
 
 
 @eqx.filter_jit

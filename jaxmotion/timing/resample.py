@@ -40,6 +40,7 @@ from jaxmotion import quaternion
 from jaxmotion._checks import known, one_of, require, traced
 from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_norm
+from jaxmotion._program import one_program
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.frames.padding import bucket_size, in_buckets
 from jaxmotion.motion import Motion
@@ -183,39 +184,55 @@ def read_motion(
     negative = ~(known(given) >= 0).all()
     motion = require(motion, negative, "resample: smoothing must be λσ of 0 or more", got=given)
     frames, wanted = motion.num_frames, reading.fraction.shape[0]
-    moved = np.asarray(motion.translated_joints, np.int32)
+    moved = motion.translated_joints
     translations, rotations = motion.translations, motion.rotations
     if frames > 1 and not traced(translations, rotations, reading, smoothing):
         translations, rotations = in_buckets(translations, rotations)
         reading = _padded(reading, rotations.shape[0] - 1, bucket_size(wanted))
     h, interval, fraction = map(jnp.asarray, reading)
-    translations = translations[:, moved]
-    place = _place(translations)
-    translations = translations - place
+    translations, place = _about_place(translations, moved)
     if method == "slerp":
         poses = _slerp(translations, rotations, interval, fraction)
     else:
         if smoothing.ndim:
-            smoothing = jnp.concatenate([jnp.repeat(smoothing[moved], 3), jnp.repeat(smoothing, 4)])
+            of_moved = smoothing[np.asarray(moved, np.int32)]
+            smoothing = jnp.concatenate([jnp.repeat(of_moved, 3), jnp.repeat(smoothing, 4)])
         length = jnp.asarray(frames, jnp.int32)
         curve = _curve(translations, rotations, h, smoothing, length, method, signs)
         poses = _read(h, *curve, interval, fraction, len(moved))
     new_translations, new_rotations = (part[:wanted] for part in poses)
-    resting = jnp.broadcast_to(motion.translations[:1], (wanted, motion.num_joints, 3))
+    resting = jnp.asarray(motion.translations)
+    new_translations = _put_back(resting, place, new_translations, moved)
     rate = {} if frame_time is motion.frame_time else {"frame_time": frame_time}
-    new_translations = resting.at[:, moved].set(place + new_translations)
     return motion.replace(translations=new_translations, rotations=new_rotations, **rate)
 
 
-@jax.jit
-def _place(translations: Float[Array, "time moved 3"]) -> Float[Array, "1 moved 3"]:
-    """Where a clip is that is far from the origin: its first positions, where no other is further
-    from them than half of what they are, else 0. What is left when they are taken off is exact
-    (Sterbenz), so that float32 keeps how positions change and adding them gives the clip back.
+@one_program("moved")
+def _about_place(
+    translations: Float[AnyArray, "time joint 3"], moved: tuple[int, ...]
+) -> tuple[Float[Array, "time moved 3"], Float[Array, "1 moved 3"]]:
+    """What moves, about the place where it is, and that place: of a clip that is far from the
+    origin its first positions, where no other is further from them than half of what they are,
+    else 0. Taking it off is exact then (Sterbenz), so that float32 keeps how positions change and
+    adding it gives the clip back.
     """
+    translations = jnp.asarray(translations)[:, np.asarray(moved, np.int32)]
     start = jax.lax.stop_gradient(translations[:1])
     far = jnp.all(jnp.abs(translations - start) <= jnp.abs(start) / 2, axis=0, keepdims=True)
-    return jnp.where(far, start, 0)
+    place = jnp.where(far, start, 0)
+    return translations - place, place
+
+
+@one_program("moved")
+def _put_back(
+    translations: Float[Array, "time joint 3"],
+    place: Float[Array, "1 moved 3"],
+    new: Float[Array, "reading moved 3"],
+    moved: tuple[int, ...],
+) -> Float[Array, "reading joint 3"]:
+    """The first frame in every frame, but for what moves."""
+    still = jnp.broadcast_to(translations[:1], (len(new), *translations.shape[1:]))
+    return still.at[:, np.asarray(moved, np.int32)].set(place + new)
 
 
 @eqx.filter_jit
