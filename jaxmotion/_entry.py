@@ -113,7 +113,7 @@ def not_finite(
         return ""
     odd = ~np.isfinite(values).all(axis=-1)
     if weights is not None:
-        w = np.asarray(weights)[: len(odd)]
+        w = np.asarray(weights)[: len(values)]
         odd &= (w.reshape(w.shape + (1,) * (2 - w.ndim))) > 0
     places = np.argwhere(odd)
     return f"{field} of {place_of(names, places[0])} are not finite" if len(places) else ""
