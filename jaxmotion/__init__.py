@@ -13,6 +13,9 @@ Conventions, the same in every room:
   becomes NaN, as :func:`jaxmotion.checks` says.
 - Flags, choices and numbers of things are static: under ``jax.jit`` name them in
   ``static_argnames``.
+- One clip at a time, but where a page says that batch axes are allowed; :func:`stack` makes a batch
+  for ``jax.vmap``. What works frame by frame takes NaN and gives it back; what would spread it
+  refuses it, and says where it is.
 - Discrete choices (signs, warp paths, neighbours, thresholds) pass no gradient.
 
 What a room's ``__all__`` names is public; other modules and names are the library's own and may
@@ -47,6 +50,7 @@ _HOMES = {
     "Skeleton": "skeleton",
     "Motion": "motion",
     "UpGuess": "axes",
+    "concatenate": "clips",
     "guess_up": "axes",
     "reorient": "axes",
     "facing_direction": "kinematics",
@@ -60,6 +64,7 @@ _HOMES = {
     "decompose": "layers",
     "denoise": "layers",
     "joint_weights": "layers",
+    "stack": "clips",
     "stylize": "layers",
     "synthesize": "layers",
     "time_warp": "layers",
@@ -87,6 +92,7 @@ if TYPE_CHECKING:
     from jaxmotion._checks import checks
     from jaxmotion._compilation_cache import enable_compilation_cache
     from jaxmotion.axes import UpGuess, guess_up, reorient
+    from jaxmotion.clips import concatenate, stack
     from jaxmotion.frames.padding import buckets
     from jaxmotion.io import load, save
     from jaxmotion.kinematics import facing_direction, forward_kinematics, velocities
@@ -112,6 +118,7 @@ __all__ = [
     "buckets",
     "check",
     "checks",
+    "concatenate",
     "contacts",
     "decompose",
     "denoise",
@@ -134,6 +141,7 @@ __all__ = [
     "save",
     "smoothing",
     "spacetime",
+    "stack",
     "stylize",
     "synthesize",
     "time_warp",

@@ -2,8 +2,9 @@
 
 A value that is known, of Python, NumPy or JAX, is a ``ValueError``: :func:`one_of` for choices,
 :func:`counted` for how many frames count, :func:`one_number` for what is no array, :func:`floating`
-for arrays that are kept, :func:`require` for all others. One that is traced (:func:`traced`) is
-only known when the program runs, and then the setting decides (:func:`checks`):
+for arrays that are kept, :func:`require` for all others; :func:`instance_of` and :func:`no_module`
+for what is another thing altogether. One that is traced (:func:`traced`) is only known when the
+program runs, and then the setting decides (:func:`checks`):
 
     "raise"   the program stops with the message (``equinox.EquinoxRuntimeError``; under a
               ``jax.jit`` of your own, JAX's ``JaxRuntimeError``), which under ``vmap`` names the
@@ -121,6 +122,43 @@ def static(*names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
         return call
 
     return marked
+
+
+def at_hand(value: ArrayLike) -> np.ndarray | None:
+    """``value`` as NumPy's array where a look at it costs nothing: None if it is traced, or lies on
+    an accelerator."""
+    if isinstance(value, Tracer):
+        return None
+    if isinstance(value, jax.Array) and any(d.platform != "cpu" for d in value.devices()):
+        return None
+    return np.asarray(value)
+
+
+def instance_of(name: str, value: Any, kind: type, expected: str) -> None:
+    """``ValueError`` unless ``value`` is a ``kind``; ``name`` as in "denoise: motion", ``expected``
+    as in "a jaxmotion.Motion (jaxmotion.load reads files)"."""
+    if not isinstance(value, kind):
+        raise ValueError(f"{name} is {_described(value)}; expected {expected}")
+
+
+def no_module(name: str, value: Any, hint: str = "") -> None:
+    """``ValueError`` for a motion, or any other module, where an array is wanted; ``name`` as in
+    "lgs: y", ``hint``: who takes it."""
+    if isinstance(value, eqx.Module):
+        arrays = [key for key, x in vars(value).items() if eqx.is_array(x) and np.ndim(x)]
+        such = f", such as its {' or '.join(arrays[:2])}" if arrays else ""
+        more = f" ({hint})" if hint else ""
+        raise ValueError(f"{name} is {_described(value)}; expected an array{such}{more}")
+
+
+def _described(value: Any) -> str:
+    """What a value is, for people: "a str", "an array of shape (40, 22, 4)"."""
+    if value is None:
+        return "None"
+    if isinstance(value, (np.ndarray, jax.Array)):
+        return f"an array of shape {value.shape}"
+    kind = type(value).__name__
+    return f"{'an' if kind[0] in 'AEIOUaeiou' else 'a'} {kind}"
 
 
 def one_of(name: str, value: Any, choices: Iterable[Any]) -> None:

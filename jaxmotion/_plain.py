@@ -54,6 +54,13 @@ def _prints(character: str) -> bool:
     return character.isprintable() or unicodedata.category(character) == "Zs"
 
 
+def quoted(text: str | bytes, limit: int = 40) -> str:
+    """A piece of a file or a name, fit for a message: quoted, printable and short."""
+    if isinstance(text, bytes):
+        text = text[: 4 * limit].decode("utf-8", "backslashreplace")
+    return repr(text if len(text) <= limit else text[:limit] + "...")
+
+
 def as_json(value: Any, *, indent: int | None = None, ascii_only: bool = False) -> str:
     """``value`` as JSON, whatever does not print escaped: it reads back as it was."""
     text = json.dumps(value, indent=indent, ensure_ascii=ascii_only)

@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 from jaxmotion.displacement import Displacement
-from jaxmotion.frames.padding import pad_to_bucket, program_size, shares_programs
+from jaxmotion.frames.padding import padded, program_size, shares_programs
 from jaxmotion.motion import Motion
 
 Clip = TypeVar("Clip")
@@ -37,7 +37,7 @@ class Room(NamedTuple):
 
     def fill(self, clip: Clip) -> Clip:
         """A motion, or an array f[T, ...], at the size."""
-        return self._mapped(clip, lambda x: pad_to_bucket(x, self.size)[0])
+        return self._mapped(clip, lambda x: padded(x, self.size))
 
     def cut(self, clip: Clip) -> Clip:
         """A motion, displacement or array at the size, without the frames that do not count."""

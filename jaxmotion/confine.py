@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion._checks import static
+from jaxmotion._entry import a_motion, skeleton_of
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import ArrayLike
 from jaxmotion.displacement import minus, plus
@@ -27,11 +28,14 @@ __all__ = ["confine", "selection_weights"]
 def confine(original: Motion, edited: Motion, weight: ArrayLike) -> Motion:
     """The original where ``weight`` is 0, the edit where it is 1, and in between in between.
 
-    **Arguments:** ``original``, ``edited``: clips of one shape, T frames, J joints; ``weight``: a
-    scalar, f[J], f[T, 1] or f[T, J], in [0, 1]; values outside count as 0 or 1.
+    **Arguments:** ``original``, ``edited``: clips of one shape, T frames, J joints, leading batch
+    axes allowed; ``weight``: a scalar, f[J], f[T, 1] or f[T, J], in [0, 1]; values outside count as
+    0 or 1.
     **Returns:** a motion of the same shape, with the edit's skeleton.
     **Raises:** ``ValueError`` for shapes that do not fit.
     """
+    a_motion("confine", original, "original")
+    a_motion("confine", edited, "edited")
     if original.rotations.shape != edited.rotations.shape:
         raise ValueError(
             f"confine: original has shape {original.rotations.shape}, edited "
@@ -67,7 +71,7 @@ def _confine(original: Motion, edited: Motion, weight: Array) -> Motion:
 
 @static("num_frames", "fade")
 def selection_weights(
-    skeleton: Skeleton,
+    skeleton: Skeleton | Motion,
     num_frames: int,
     *,
     joints: Sequence[str] = (),
@@ -77,14 +81,16 @@ def selection_weights(
 ) -> Float[np.ndarray, "time joint"]:
     """Weights for :func:`confine` from names and a range of frames.
 
-    **Arguments:** ``skeleton``: J joints; ``num_frames``: T; ``joints``: shell patterns, any case,
-    all joints if there is none; ``frames``: (first, end) as in ``motion[first:end]``; ``fade``:
-    frames, inside the range, over which the weight rises and falls as ½ − ½cos (none at an end of
-    the clip, and at most half the range); ``strength``: of the edit inside, from 0 to 1.
+    **Arguments:** ``skeleton``: J joints, or a motion of them; ``num_frames``: T; ``joints``: shell
+    patterns, any case, all joints if there is none; ``frames``: (first, end) as in
+    ``motion[first:end]``; ``fade``: frames, inside the range, over which the weight rises and falls
+    as ½ − ½cos (none at an end of the clip, and at most half the range); ``strength``: of the edit
+    inside, from 0 to 1.
     **Returns:** f64[T, J].
     **Raises:** ``ValueError`` for a pattern that matches nothing, an empty range, a negative fade
     or a strength outside [0, 1].
     """
+    skeleton = skeleton_of("selection_weights", skeleton)
     if not 0 <= strength <= 1:
         raise ValueError(f"selection_weights: strength={strength}; expected a number from 0 to 1")
     if fade < 0:

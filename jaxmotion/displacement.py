@@ -18,7 +18,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from jaxmotion._checks import one_of
+from jaxmotion._checks import instance_of, one_of
+from jaxmotion._entry import a_motion
 from jaxmotion._portable import Portable
 from jaxmotion._summary import kept_as, moving
 from jaxmotion._types import AnyArray, ArrayLike
@@ -70,10 +71,14 @@ def plus(motion: Motion, displacement: Displacement) -> Motion:
 
     Eom et al. 2019, Eq. 8, 12, 13 (world); Lee & Shin 2001, Eq. 2 (body).
 
-    **Arguments:** ``motion``: T frames, J joints; ``displacement``: of T frames and J joints.
+    **Arguments:** ``motion``: T frames, J joints, leading batch axes allowed; ``displacement``: of
+    the same shape.
     **Returns:** a motion of the same shape.
     **Raises:** ``ValueError`` when the shapes differ.
     """
+    a_motion("plus", motion)
+    expected = "a Displacement (jaxmotion.displacement.minus makes them)"
+    instance_of("plus: displacement", displacement, Displacement, expected)
     if displacement.rotations.shape != motion.translations.shape:
         raise ValueError(
             f"plus: displacement has shape {displacement.rotations.shape}, the motion "
@@ -91,11 +96,13 @@ def minus(motion: Motion, reference: Motion, sense: Sense = "world") -> Displace
     Rotation vectors take the short way round, so q and −q give the same. Eom et al. 2019, Eq. 8,
     12, 13 (world); Lee & Shin 2001, Eq. 3 (body).
 
-    **Arguments:** ``motion``, ``reference``: clips of one shape, T frames, J joints; ``sense``:
-    "world" or "body".
+    **Arguments:** ``motion``, ``reference``: clips of one shape, T frames, J joints, leading batch
+    axes allowed; ``sense``: "world" or "body".
     **Returns:** :class:`Displacement`, f[T, J, 3] each.
     **Raises:** ``ValueError`` when the shapes differ or the sense is unknown.
     """
+    a_motion("minus", motion)
+    a_motion("minus", reference, "reference")
     if motion.rotations.shape != reference.rotations.shape:
         raise ValueError(
             f"minus: motion has shape {motion.rotations.shape}, reference "

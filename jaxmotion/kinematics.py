@@ -22,7 +22,6 @@ the zero quaternion stands for the identity.
 
 from collections.abc import Iterator
 from functools import partial
-from itertools import pairwise
 
 import equinox as eqx
 import jax
@@ -32,12 +31,13 @@ from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
 from jaxmotion._checks import traced
+from jaxmotion._entry import a_motion, skeleton_of
+from jaxmotion._levels import Lanes, Levels, rows_of
 from jaxmotion._portable import Portable
 from jaxmotion._summary import kept_as, moving, some
 from jaxmotion.motion import Motion
-from jaxmotion.quaternion.algebra import multiply
 from jaxmotion.quaternion.parts import normalized, product, rotated
-from jaxmotion.skeleton import Skeleton, levels_of
+from jaxmotion.skeleton import Skeleton
 
 __all__ = [
     "WorldPose",
@@ -47,8 +47,6 @@ __all__ = [
     "mirrored_pairs",
     "velocities",
 ]
-
-Lanes = Float[Array, "joint _ #time"]
 
 
 class WorldPose(Portable):
@@ -68,7 +66,6 @@ class WorldPose(Portable):
         yield kept_as(self.positions)
 
 
-@eqx.filter_jit
 def forward_kinematics(motion: Motion) -> WorldPose:
     """World positions and rotations of every joint and end site.
 
@@ -86,6 +83,12 @@ def forward_kinematics(motion: Motion) -> WorldPose:
         >>> pose.positions.shape, pose.rotations.shape, pose.end_positions.shape
         ((16, 22, 3), (16, 22, 4), (16, 5, 3))
     """
+    a_motion("forward_kinematics", motion)
+    return _world_pose(motion)
+
+
+@eqx.filter_jit
+def _world_pose(motion: Motion) -> WorldPose:
     batch = motion.rotations.shape[:-2]
     moved = tuple(sorted(set(motion.translated_joints)))
     resting = jnp.broadcast_to(motion.translations[..., :1, :, :], motion.translations.shape)
@@ -93,71 +96,22 @@ def forward_kinematics(motion: Motion) -> WorldPose:
         motion.skeleton.parents,
         moved,
         jax.lax.optimization_barrier(_to_lanes(motion.rotations)),
-        jax.lax.optimization_barrier(_rows(_to_lanes(motion.translations), np.array(moved, int))),
+        jax.lax.optimization_barrier(rows_of(_to_lanes(motion.translations), np.array(moved, int))),
         _to_lanes(resting),
     )
     ends = np.asarray(motion.skeleton.end_joints, int)
-    offsets = jnp.asarray(motion.skeleton.end_offsets, motion.dtype)[:, :, None]
-    tips = positions[ends] + _turned(world[ends], jnp.unstack(offsets, axis=1))
+    offsets = jnp.asarray(motion.skeleton.end_offsets, motion.dtype)[..., None, :, :]
+    offsets = jnp.broadcast_to(offsets, (*batch, *offsets.shape[-2:]))
+    tips = positions[ends] + _turned(world[ends], jnp.unstack(_to_lanes(offsets), axis=1))
     return WorldPose(*(_from_lanes(x, batch) for x in (positions, world, tips)))
 
 
 def _to_lanes(x: Array) -> Lanes:
-    return jnp.transpose(x.reshape(-1, *x.shape[-2:]), (1, 2, 0))
+    return jnp.transpose(x.reshape(int(np.prod(x.shape[:-2])), *x.shape[-2:]), (1, 2, 0))
 
 
 def _from_lanes(x: Lanes, batch: tuple[int, ...]) -> Array:
     return jnp.transpose(x, (2, 0, 1)).reshape(*batch, *x.shape[:2])
-
-
-class _Levels:
-    """The tree sorted by depth: index arrays for gathering parents and children."""
-
-    def __init__(self, parents: tuple[int, ...]):
-        self.levels = [np.array(level) for level in levels_of(parents)]
-        self.restore = np.argsort(np.concatenate(self.levels))
-        # up[d]: where in level d−1 the parent of each joint of level d is.
-        # down[d][c]: the c-th child, in level d+1, of each joint of level d; the size means none.
-        self.up = [np.zeros(1, int)]
-        self.down = []
-        for above, below in pairwise(self.levels):
-            up = np.searchsorted(above, np.asarray(parents)[below])
-            kin = [np.flatnonzero(up == k) for k in range(len(above))]
-            width = max(len(k) for k in kin)
-            self.up.append(up)
-            self.down.append(
-                np.stack([np.pad(k, (0, width - len(k)), constant_values=len(up)) for k in kin], 1)
-            )
-
-    def descend(self, own, join):
-        """Root to leaves: ``y = join(y of the parent, own(joints))``, the root's is
-        ``join(None, own([0]))``; both give pytrees of lanes."""
-        levels = []
-        for up, joints in zip(self.up, self.levels, strict=True):
-            above = jax.tree.map(partial(_rows, rows=up), levels[-1]) if levels else None
-            # Without the barrier XLA recomputes each level inside the next.
-            levels.append(jax.lax.optimization_barrier(join(above, own(joints))))
-        joined = jax.tree.map(lambda *y: jnp.concatenate(y)[self.restore], *levels)
-        return jax.lax.optimization_barrier(joined)
-
-    def ascend(self, x: Lanes) -> Lanes:
-        """Leaves to root: each joint's x plus the sums of its children."""
-        levels = [x[self.levels[-1]]]
-        for down, joints in zip(reversed(self.down), reversed(self.levels[:-1]), strict=True):
-            below = jnp.pad(levels[-1], ((0, 1), (0, 0), (0, 0)))
-            total = x[joints]
-            for child in down:
-                total = total + below[child]
-            levels.append(jax.lax.optimization_barrier(total))
-        return jnp.concatenate(levels[::-1])[self.restore]
-
-
-def _rows(x: Array, rows: np.ndarray) -> Array:
-    """x[rows]; a slice where that is one, which XLA does not compute again for every reader."""
-    first = rows[0] if len(rows) else 0
-    if not np.array_equal(rows, np.arange(first, first + len(rows))):
-        return x[rows]
-    return x if len(rows) == len(x) else x[first : first + len(rows)]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
@@ -168,19 +122,19 @@ def _chain(
     ``moving``, lanes of the joints ``moved``, and ``resting``, of which the other joints count."""
 
     def own(joints):
-        return _rows(q, joints), _translations(moved, moving, resting, joints)
+        return rows_of(q, joints), _translations(moved, moving, resting, joints)
 
-    return _Levels(parents).descend(own, _compose)
+    return Levels(parents).descend(own, _compose)
 
 
 def _translations(moved: tuple[int, ...], moving: Array, resting: Array, joints) -> Array:
     """The translations of some joints, read from ``moving`` only for those that are ``moved``."""
     moves = np.isin(joints, moved)
     if not moves.any():
-        return _rows(resting, joints)
+        return rows_of(resting, joints)
     place = np.where(moves, np.searchsorted(moved, joints), 0)
     if moves.all():
-        return _rows(moving, place)
+        return rows_of(moving, place)
     return jnp.where(moves[:, None, None], moving[place], resting[joints])
 
 
@@ -249,13 +203,13 @@ def _cross(a: Lanes, b: Lanes) -> Lanes:
 
 
 def _sum_over_ancestors(parents: tuple[int, ...], x: Lanes) -> Lanes:
-    tree = _Levels(parents)
+    tree = Levels(parents)
     root = (np.arange(len(parents)) == 0)[:, None, None]
     return jax.lax.custom_linear_solve(
         lambda y: y - jnp.where(root, 0, y[np.maximum(parents, 0)]),
         x,
         solve=lambda _, x: tree.descend(
-            partial(_rows, x), lambda above, own: own if above is None else above + own
+            partial(rows_of, x), lambda above, own: own if above is None else above + own
         ),
         transpose_solve=lambda _, x: tree.ascend(x),
     )
@@ -276,7 +230,6 @@ class WorldVelocity(Portable):
         yield kept_as(self.linear)
 
 
-@eqx.filter_jit
 def velocities(motion: Motion) -> WorldVelocity:
     """Velocities of every joint in the world.
 
@@ -294,6 +247,12 @@ def velocities(motion: Motion) -> WorldVelocity:
         >>> round(float(speed.linear[:, 0, 2].mean()), 2)
         1.25
     """
+    a_motion("velocities", motion)
+    return _velocities(motion)
+
+
+@eqx.filter_jit
+def _velocities(motion: Motion) -> WorldVelocity:
     pose = forward_kinematics(motion)
     frames = motion.num_frames
     before = np.maximum(np.arange(frames) - 1, 0)
@@ -303,21 +262,22 @@ def velocities(motion: Motion) -> WorldVelocity:
     )
     x, q = pose.positions, pose.rotations
     linear = x[..., after, :, :] - x[..., before, :, :]
-    turn = multiply(q[..., after, :, :], quaternion.conjugate(q[..., before, :, :]))
+    turn = quaternion.multiply(q[..., after, :, :], quaternion.conjugate(q[..., before, :, :]))
     # A frame against itself: nothing, not the rounding of its product.
     angular = quaternion.log(turn) if frames > 1 else jnp.zeros_like(q[..., 1:])
     return WorldVelocity(linear / seconds, angular / seconds)
 
 
-def mirrored_pairs(skeleton: Skeleton) -> tuple[tuple[int, int], ...]:
+def mirrored_pairs(skeleton: Skeleton | Motion) -> tuple[tuple[int, int], ...]:
     """Joints whose names differ only in side.
 
     Sides are Left/Right, or an L and R that stand apart ("Hand_L") or lead a lower-case name that
     has its twin ("lfemur").
 
-    **Arguments:** ``skeleton``: J joints.
+    **Arguments:** ``skeleton``: J joints, or a motion of them.
     **Returns:** (left, right) joint numbers, in the order of the left ones.
     """
+    skeleton = skeleton_of("mirrored_pairs", skeleton)
     lower = {name.lower(): j for j, name in enumerate(skeleton.names)}
     pairs = []
     for name, j in lower.items():
@@ -344,8 +304,8 @@ def facing_direction(
     each limb (hips, shoulders).
     **Returns:** f[T, 3]; the frames where left and right stand one above the other have none, and
     get the zero vector with zero gradient.
-    **Raises:** ``ValueError`` when the skeleton has no mirrored joints and none are given, or pairs
-    are not of its joints.
+    **Raises:** ``ValueError`` for what is no motion, when the skeleton has no mirrored joints and
+    none are given, or pairs are not of its joints.
 
     **Example:**
 
@@ -354,6 +314,7 @@ def facing_direction(
         >>> facing.shape, bool(facing[:, 2].min() > 0.9)
         ((16, 3), True)
     """
+    a_motion("facing_direction", motion)
     return _facing(motion, None if pairs is None else _checked_pairs(pairs, motion.num_joints))
 
 

@@ -40,6 +40,9 @@ class _Kept(NamedTuple):
 class Motion(Portable):
     """A clip. Slice it along time: ``motion[10:90]``, ``motion[::2]`` (the frame time doubles).
 
+    Clips put together by :func:`jaxmotion.stack` or ``jax.vmap`` are a batch: every array has the
+    batch axes in front, those of the skeleton too.
+
     **Fields:**
 
     - ``skeleton``: the :class:`~jaxmotion.Skeleton`.
@@ -301,10 +304,11 @@ def _doubt_rotations(caller: str, rotations: AnyArray) -> None:
 
 @one_program()
 def _with_root(
-    offsets: Float[AnyArray, "joint 3"],
+    offsets: Float[AnyArray, "... joint 3"],
     root: Float[Array, "... 3"],
     rotations: Float[Array, "*batch time joint 4"],
 ) -> Float[Array, "*batch time joint 3"]:
     """The offsets in every frame, with the root where it is."""
-    still = jnp.broadcast_to(offsets.astype(rotations.dtype), (*rotations.shape[:-1], 3))
+    still = offsets.astype(rotations.dtype)[..., None, :, :]
+    still = jnp.broadcast_to(still, (*rotations.shape[:-1], 3))
     return still.at[..., 0, :].set(root)

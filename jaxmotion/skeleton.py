@@ -63,7 +63,8 @@ class Skeleton(Portable):
     - ``names``: one string a joint, unique; static.
     - ``parents``: parent index a joint, −1 for the root, ``parents[j] < j``; static.
     - ``offsets``: f[J, 3], from the parent's origin in the parent's frame, file unit.
-    - ``end_offsets``: f[E, 3], end sites in the frame of the joint they hang from.
+    - ``end_offsets``: f[E, 3], end sites in the frame of the joint they hang from. Both have the
+      batch axes of the motions that :func:`jaxmotion.stack` or ``jax.vmap`` put together.
     - ``end_joints``: that joint's index, one an end site; static.
     - ``end_labels``: how the file spelt each ("End Site"); a file fact.
     - ``channels``: per joint, the file's channel names in order ("Zrotation"); a file fact.
@@ -94,8 +95,8 @@ class Skeleton(Portable):
 
     names: tuple[str, ...] = eqx.field(static=True)
     parents: tuple[int, ...] = eqx.field(static=True)
-    offsets: Float[AnyArray, "joint 3"]
-    end_offsets: Float[AnyArray, "end 3"]
+    offsets: Float[AnyArray, "*batch joint 3"]
+    end_offsets: Float[AnyArray, "*batch end 3"]
     end_joints: tuple[int, ...] = eqx.field(static=True)
     up: str = eqx.field(static=True)
     length_unit: float = eqx.field(static=True)
@@ -124,7 +125,7 @@ class Skeleton(Portable):
         self.names = tuple(names)
         self.parents = tuple(int(p) for p in parents)
         self.end_joints = tuple(int(j) for j in end_joints)
-        ends = offsets[:0] if end_offsets is None else end_offsets
+        ends = offsets[..., :0, :] if end_offsets is None else end_offsets
         self.offsets, self.end_offsets = floating("Skeleton", offsets=offsets, end_offsets=ends)
         self.end_labels = tuple(end_labels or ("End Site",) * len(self.end_joints))
         self.channels = tuple(tuple(c) for c in channels) if channels else self._default_channels()
@@ -155,12 +156,13 @@ class Skeleton(Portable):
                 raise ValueError(
                     f"Skeleton: parents[{j}] is {p}; each parent must come before its joint"
                 )
-        if np.shape(self.offsets) != (joints, 3):
+        batch = np.shape(self.offsets)[:-2]
+        if np.shape(self.offsets) != (*batch, joints, 3):
             raise ValueError(
                 f"Skeleton: offsets must have shape ({joints}, 3), got {np.shape(self.offsets)}"
             )
         ends = len(self.end_joints)
-        if np.shape(self.end_offsets) != (ends, 3) or len(self.end_labels) != ends:
+        if np.shape(self.end_offsets) != (*batch, ends, 3) or len(self.end_labels) != ends:
             raise ValueError(
                 f"Skeleton: end_joints names {ends} end sites, but end_offsets has shape "
                 f"{np.shape(self.end_offsets)} and end_labels {len(self.end_labels)} entries"

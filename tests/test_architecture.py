@@ -24,7 +24,8 @@ FLOORS = (
     ),
     ("quaternion", "linalg", "frames"),
     (
-        *("skeleton", "motion", "kinematics", "displacement", "_room"),
+        *("skeleton", "motion", "_entry", "clips", "_levels"),
+        *("kinematics", "displacement", "_room"),
         *("confine", "axes", "io", "samples"),
     ),
     ("smoothing", "timing"),
@@ -33,7 +34,8 @@ FLOORS = (
     ("cli", "__main__"),
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
-# Skeleton and Motion are what the rest of their floor speaks; the others are services to an edit.
+# Skeleton and Motion are what the rest of their floor speaks, _entry is its door; the others are
+# services to an edit.
 SIDEWAYS = {
     "_checks": {"_types"},
     "_compilation_cache": {"_plain"},
@@ -43,13 +45,16 @@ SIDEWAYS = {
     "_asf_bone": {"_portable"},
     "_program": {"_checks"},
     "motion": {"skeleton"},
-    "kinematics": {"skeleton", "motion"},
-    "displacement": {"skeleton", "motion"},
+    "_entry": {"skeleton", "motion"},
+    "clips": {"skeleton", "motion", "_entry"},
+    "_levels": {"skeleton"},
+    "kinematics": {"skeleton", "motion", "_entry", "_levels"},
+    "displacement": {"skeleton", "motion", "_entry"},
     "_room": {"motion", "displacement"},
-    "confine": {"skeleton", "motion", "displacement"},
-    "axes": {"skeleton", "motion"},
-    "io": {"skeleton", "motion", "axes"},
-    "samples": {"skeleton", "motion", "kinematics"},
+    "confine": {"skeleton", "motion", "_entry", "displacement"},
+    "axes": {"skeleton", "motion", "_entry"},
+    "io": {"skeleton", "motion", "_entry", "axes"},
+    "samples": {"skeleton", "motion", "_entry", "kinematics"},
     "layers": {"contacts", "spacetime"},
     "multiresolution": {"contacts", "spacetime"},
     "style": {"contacts", "spacetime"},

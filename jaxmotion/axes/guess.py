@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmotion._checks import traced
+from jaxmotion._entry import one_clip
 from jaxmotion._summary import line
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton, feet_by_name
@@ -73,12 +74,11 @@ def guess_up(motion: Motion) -> UpGuess:
         >>> jm.guess_up(motion).axis, jm.guess_up(jm.reorient(motion, "z")).axis
         ('y', 'z')
     """
+    one_clip("guess_up", motion, on_host=True)
     if traced(motion.rotations):
         raise ValueError("guess_up: the motion is traced; guess outside of jit and vmap")
-    if np.ndim(motion.rotations) != 3 or motion.num_frames == 0:
-        raise ValueError(
-            f"guess_up: rotations {np.shape(motion.rotations)}; expected one clip with frames"
-        )
+    if motion.num_frames == 0:
+        raise ValueError("guess_up: the motion has no frames")
     feet, head = feet_by_name(motion.skeleton), _head(motion.skeleton)
     hips = _common_ancestor(motion.skeleton, feet)
     if not feet or head is None:

@@ -20,6 +20,7 @@ import numpy as np
 
 from jaxmotion import quaternion
 from jaxmotion._checks import one_of
+from jaxmotion._entry import a_motion
 from jaxmotion.motion import Motion
 
 
@@ -43,6 +44,7 @@ def reorient(motion: Motion, up: str = "y") -> Motion:
         >>> turned.skeleton.up, bool((heights == motion.root_positions[:, 1]).all())
         ('z', True)
     """
+    a_motion("reorient", motion)
     one_of("reorient: up", up, ("x", "y", "z"))
     skeleton = motion.skeleton
     a, b = ("xyz".index(axis) for axis in (skeleton.up, up))
@@ -62,7 +64,9 @@ def reorient(motion: Motion, up: str = "y") -> Motion:
     rotations = jnp.asarray(motion.rotations)
     root = quaternion.multiply(jnp.asarray(turn, rotations.dtype), rotations[..., 0, :])
     return motion.replace(
-        skeleton=replace(skeleton, offsets=offsets.at[0].set(turned(offsets[0])), up=up),
+        skeleton=replace(
+            skeleton, offsets=offsets.at[..., 0, :].set(turned(offsets[..., 0, :])), up=up
+        ),
         translations=translations.at[..., 0, :].set(turned(translations[..., 0, :])),
         rotations=rotations.at[..., 0, :].set(root),
     )

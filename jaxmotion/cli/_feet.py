@@ -100,12 +100,11 @@ def in_blocks(motion: "Motion", length: int) -> "Motion":
     """The frames that count, padded to one of very few lengths, in NumPy arrays."""
     import numpy as np
 
-    from jaxmotion.frames.padding import bucket_size, pad_to_bucket
+    from jaxmotion.frames.padding import bucket_size, padded
 
     parts = (np.asarray(x)[:length] for x in (motion.translations, motion.rotations))
     size = bucket_size(length, _BLOCK)
-    padded = (pad_to_bucket(part, size)[0] for part in parts)  # type: ignore[arg-type]
-    return motion.with_transforms(*padded)
+    return motion.with_transforms(*(padded(part, size) for part in parts))  # type: ignore[arg-type]
 
 
 def for_frames(contacts: "Contacts", motion: "Motion") -> "Contacts":

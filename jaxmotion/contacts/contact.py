@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import traced
+from jaxmotion._checks import instance_of, traced
+from jaxmotion._entry import one_clip, skeleton_of
 from jaxmotion._portable import Portable
 from jaxmotion._summary import batched, called, kept_as, some
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
@@ -32,9 +33,9 @@ Limb = tuple[int, int, int]
 class ContactPoints(Portable):
     """Points of the body that may touch something.
 
-    Made from a ``skeleton`` and its ``joints`` by name or number. Left out, ``point`` is the
-    joints' origins, ``names`` are the joints', and the limbs are those above the joints; joints
-    that hang from another of them share its limb.
+    Made from a ``skeleton``, or a motion of it, and its ``joints`` by name or number. Left out,
+    ``point`` is the joints' origins, ``names`` are the joints', and the limbs are those above the
+    joints; joints that hang from another of them share its limb.
 
     **Fields:** ``joints``: index of the joint each of C points is fixed to, static; ``names``: what
     to call each ("LeftFoot.heel"), static; ``limbs``: the two-bone limb that carries each, (root,
@@ -51,13 +52,14 @@ class ContactPoints(Portable):
 
     def __init__(
         self,
-        skeleton: Skeleton,
+        skeleton: Skeleton | Motion,
         joints: Sequence[int | str],
         point: ArrayLike | None = None,
         *,
         names: Sequence[str] | None = None,
         limbs: Sequence[Limb | None] | None = None,
     ):
+        skeleton = skeleton_of("ContactPoints", skeleton)
         self.joints = tuple(skeleton.index(j) if isinstance(j, str) else int(j) for j in joints)
         if bad := [j for j in self.joints if not 0 <= j < skeleton.num_joints]:
             raise ValueError(
@@ -81,9 +83,10 @@ class ContactPoints(Portable):
     def positions(self, motion: Motion) -> Float[Array, "time point 3"]:
         """World positions of the points.
 
-        **Arguments:** ``motion``: T frames of the skeleton the points are of.
+        **Arguments:** ``motion``: one clip, T frames of the skeleton the points are of.
         **Returns:** f[T, C, 3], file unit.
         """
+        one_clip("ContactPoints.positions", motion)
         pose = forward_kinematics(motion)
         index = np.asarray(self.joints, int)
         offset = quaternion.rotate(pose.rotations[:, index], jnp.asarray(self.point, motion.dtype))
@@ -201,8 +204,11 @@ def over_time(contacts: Contacts) -> tuple:
     return contacts.mask, contacts.kind, contacts.target, contacts.confidence
 
 
-def check_frames(motion: Motion, contacts: Contacts, caller: str) -> None:
-    """``ValueError`` unless the contacts have the motion's number of frames."""
+def check_frames(motion: Motion, contacts: Contacts, caller: str, *, on_host: bool = False) -> None:
+    """``ValueError`` unless they are one clip and contacts of its number of frames; ``on_host`` as
+    of ``one_clip``."""
+    one_clip(caller, motion, on_host=on_host)
+    check_contacts(contacts, caller)
     if contacts.num_frames != motion.num_frames:
         raise ValueError(
             f"{caller}: contacts have {contacts.num_frames} frames, the motion "
@@ -210,12 +216,26 @@ def check_frames(motion: Motion, contacts: Contacts, caller: str) -> None:
         )
 
 
+def check_contacts(contacts: Contacts, caller: str) -> None:
+    """``ValueError`` for what are no contacts."""
+    expected = "Contacts (jaxmotion.contacts.detect finds them)"
+    instance_of(f"{caller}: contacts", contacts, Contacts, expected)
+
+
+def check_points(points: ContactPoints, caller: str) -> None:
+    """``ValueError`` for what are no points."""
+    expected = "ContactPoints (jaxmotion.contacts.find_feet finds them)"
+    instance_of(f"{caller}: points", points, ContactPoints, expected)
+
+
 def check_kept(
     motion: Motion, keep_contacts: Contacts | bool, caller: str, length: ScalarLike | None = None
 ) -> None:
     """``ValueError`` unless an edit can keep such contacts: found on it (True) where it is not
     traced, or given for its frames."""
-    if isinstance(keep_contacts, Contacts):
+    if not isinstance(keep_contacts, bool):
+        expected = "Contacts (jaxmotion.contacts.detect finds them), True or False"
+        instance_of(f"{caller}: keep_contacts", keep_contacts, Contacts, expected)
         check_frames(motion, keep_contacts, caller)
     elif keep_contacts and traced(motion.rotations, length):
         raise ValueError(

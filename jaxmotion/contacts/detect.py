@@ -24,6 +24,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._checks import counted, one_number, one_of, require, static, traced
+from jaxmotion._entry import finite_clip, one_clip
 from jaxmotion._numerics import safe_norm
 from jaxmotion._room import room_for
 from jaxmotion._types import ScalarLike
@@ -35,6 +36,7 @@ from jaxmotion.contacts.contact import (
     ContactPoints,
     Contacts,
     check_frames,
+    check_points,
     over_time,
 )
 from jaxmotion.contacts.feet import find_feet
@@ -64,12 +66,12 @@ def detect(
 ) -> Contacts:
     """Find the contacts of a motion.
 
-    **Arguments:** ``motion``: T frames, J joints; ``method``: "segments" (a fixed point in the
-    segment that carries it) or "thresholds" (low and slow); ``points``: which points may touch, by
-    default the heels and balls of the feet (:func:`find_feet`); ``joints``: names or numbers of
-    joints whose origins may touch, instead of ``points``; ``floor``: "auto" asks that a point be
-    near its own lowest level, a number (file unit) that it be near this height, None nothing;
-    ``window``: frames in 0.08 s, static, by default from the frame time and at least 3;
+    **Arguments:** ``motion``: one clip, T frames, J joints; ``method``: "segments" (a fixed point
+    in the segment that carries it) or "thresholds" (low and slow); ``points``: which points may
+    touch, by default the heels and balls of the feet (:func:`find_feet`); ``joints``: names or
+    numbers of joints whose origins may touch, instead of ``points``; ``floor``: "auto" asks that a
+    point be near its own lowest level, a number (file unit) that it be near this height, None
+    nothing; ``window``: frames in 0.08 s, static, by default from the frame time and at least 3;
     ``tolerance``: what every threshold is multiplied by; ``length``: number of frames that count,
     the first ones, for padded clips; of fewer than a window "segments" finds no contacts.
     **Returns:** :class:`Contacts` of T frames and C points, C = 0 for a skeleton without feet. A
@@ -79,6 +81,7 @@ def detect(
     a length outside 1 to T; under ``jit`` or ``vmap`` when the window, or both points and joints,
     are left out; at run time for such a tolerance or length that is traced.
     """
+    one_clip("detect", motion)
     one_of("detect: method", method, ("segments", "thresholds"))
     if points is not None and joints is not None:
         raise ValueError("detect: points and joints are both given; expected one of them")
@@ -89,8 +92,10 @@ def detect(
     scale = one_number("detect: tolerance", tolerance)
     motion = require(motion, ~(scale > 0), "detect: tolerance must be above 0", got=tolerance)
     count, motion = counted("detect: length", length, motion.num_frames, motion)
+    finite_clip("detect", motion, length=length)
     if points is None:
         points = find_feet(motion, length=length)
+    check_points(points, "detect")
     kind = motion.dtype
     level = floor if floor is None or isinstance(floor, str) else jnp.asarray(floor, kind)
     scale = jnp.asarray(tolerance, kind)
@@ -186,12 +191,15 @@ def limb_lengths(
 
     For points without a limb it is half of the skeleton's longest chain.
 
-    **Arguments:** ``motion``: T frames; ``points``: C points of its skeleton; ``length``: number of
-    frames that count, the first ones, for padded clips.
+    **Arguments:** ``motion``: one clip, T frames; ``points``: C points of its skeleton; ``length``:
+    number of frames that count, the first ones, for padded clips.
     **Returns:** f[C], file unit.
     **Raises:** ``ValueError`` for a length outside 1 to T; at run time for one that is traced.
     """
+    one_clip("limb_lengths", motion)
+    check_points(points, "limb_lengths")
     count, motion = counted("limb_lengths: length", length, motion.num_frames, motion)
+    finite_clip("limb_lengths", motion, length=length)
     return mean_limb_lengths(motion, points, frame_mask(count, motion.num_frames))
 
 
@@ -217,11 +225,12 @@ def replant(motion: Motion, contacts: Contacts) -> Contacts:
     Means over each contact, weighted by confidence. For contacts that were found on another clip,
     or drawn by hand.
 
-    **Arguments:** ``motion``: T frames; ``contacts``: of T frames.
+    **Arguments:** ``motion``: one clip, T frames; ``contacts``: of T frames.
     **Returns:** :class:`Contacts`; only targets differ.
     **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
     check_frames(motion, contacts, "replant")
+    finite_clip("replant", motion)
     origin = origin_of(motion)
     positions = contacts.points.positions(motion_near(motion, origin))
     target = mean_over_runs(contacts.mask, positions, contacts.confidence)

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_norm
 from jaxmotion.contacts.contact import Contacts, check_frames
 from jaxmotion.contacts.nearby import contacts_near, motion_near, origin_of
@@ -26,12 +27,13 @@ def fit_distances(motion: Motion, contacts: Contacts) -> Contacts:
 
     Kovar, Schreiner & Gleicher 2002, first step; the module has the equation.
 
-    **Arguments:** ``motion``: T frames; ``contacts``: of T frames.
+    **Arguments:** ``motion``: one clip, T frames; ``contacts``: of T frames.
     **Returns:** :class:`Contacts`; only targets in contact differ, and only of limbs that carry two
     points.
     **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
     check_frames(motion, contacts, "fit_distances")
+    finite_clip("fit_distances", motion)
     limbs = [limb for limb in dict.fromkeys(contacts.limbs) if limb is not None]
     of_limb = [[c for c, other in enumerate(contacts.limbs) if other == limb] for limb in limbs]
     pairs = np.array([points for points in of_limb if len(points) == 2], int).reshape(-1, 2)

@@ -20,6 +20,7 @@ import numpy as np
 
 from jaxmotion import quaternion
 from jaxmotion._checks import counted, traced
+from jaxmotion._entry import finite_clip, one_clip
 from jaxmotion._room import room_for
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import ContactPoints, Limb, limb_above
@@ -41,19 +42,21 @@ class _Foot(NamedTuple):
 def find_feet(motion: Motion, *, length: ScalarLike | None = None) -> ContactPoints:
     """Heels and balls of the feet; no points for a skeleton without feet.
 
-    **Arguments:** ``motion``: T frames, J joints, of known values (not traced): the floor's
-    direction and the limbs that stand are read from it; ``length``: number of frames that count,
-    the first ones.
+    **Arguments:** ``motion``: one clip, T frames, J joints, of known values (not traced): the
+    floor's direction and the limbs that stand are read from it; ``length``: number of frames that
+    count, the first ones.
     **Returns:** :class:`ContactPoints` in the order of the joints, heel before ball.
     **Raises:** ``ValueError`` under ``jit`` and ``vmap`` (find the points outside), and for a
     length outside 1 to T.
     """
+    one_clip("find_feet", motion, on_host=True)
     if traced(motion.rotations, length):
         raise ValueError(
             "find_feet: the motion is traced; find the points outside of jit or vmap and pass "
             "points=..."
         )
     count = int(counted("find_feet: length", length, motion.num_frames)[0])
+    finite_clip("find_feet", motion, length=length)
     skeleton = motion.skeleton
     motion = room_for(motion, length=length).fill(motion)
     pose = forward_kinematics(motion_near(motion, origin_of(motion)))

@@ -27,6 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmotion._checks import counted, one_number, require, traced
+from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ScalarLike
@@ -68,7 +69,7 @@ def cleanup_footskate(
 
     Kovar, Schreiner & Gleicher 2002; the module has the steps.
 
-    **Arguments:** ``motion``: T frames, J joints; ``contacts``: of the motion itself
+    **Arguments:** ``motion``: one clip, T frames, J joints; ``contacts``: of the motion itself
     (:func:`detect`), or of the motion it was edited from; ``stretch``: share by which bones may
     change length, static, which keeps nearly straight knees from snapping (Kovar: up to 0.026; 0
     keeps all bones, and a file needs position channels for anything else); ``fade``: seconds over
@@ -92,6 +93,7 @@ def cleanup_footskate(
         return motion
     kind = motion.dtype
     count, motion = counted("cleanup_footskate: length", length, motion.num_frames, motion)
+    finite_clip("cleanup_footskate", motion, length=length)
     level = None if floor is None else jnp.asarray(floor, kind)
     stretched = None if stretch == 0 else jnp.asarray(stretch, kind)
     return _cleanup(motion, contacts, feet, stretched, jnp.asarray(fade, kind), level, count)

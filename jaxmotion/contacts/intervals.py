@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmotion._summary import brief, called, line
-from jaxmotion.contacts.contact import Contacts
+from jaxmotion.contacts.contact import Contacts, check_contacts
 
 KIND_NAMES = ("free", "point", "line", "plane")
 
@@ -44,6 +44,7 @@ def intervals(contacts: Contacts) -> list[Interval]:
     **Arguments:** ``contacts``: T frames, C points, not traced.
     **Returns:** a list of :class:`Interval`.
     """
+    check_contacts(contacts, "intervals")
     mask, kind = np.asarray(contacts.mask), np.asarray(contacts.kind)
     target, confidence = np.asarray(contacts.target), np.asarray(contacts.confidence)
     found = []

@@ -25,6 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion._checks import no_module
 from jaxmotion._numerics import safe_arctan2, safe_norm, safe_sqrt
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike, Vector3
@@ -71,8 +72,11 @@ def limb_ik(
     **Returns:** :class:`LimbTurn`.
     **Raises:** ``ValueError`` for points that do not have three components.
     """
-    points = [jnp.asarray(p) for p in (root, middle, end, target)]
-    for name, p in zip(("root", "middle", "end", "target"), points, strict=True):
+    given = {"root": root, "middle": middle, "end": end, "target": target}
+    for name, p in given.items():
+        no_module(f"limb_ik: {name}", p)
+    points = [jnp.asarray(p) for p in given.values()]
+    for name, p in zip(given, points, strict=True):
         if p.shape[-1:] != (3,):
             raise ValueError(f"limb_ik: {name} must have shape (..., 3), got {p.shape}")
     root, middle, end, target = points

@@ -14,6 +14,7 @@ T frames, C points, O(T·(J + C)). Differentiable in motion and targets.
 import jax.numpy as jnp
 
 from jaxmotion._checks import counted
+from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts, check_frames
@@ -37,9 +38,9 @@ def cleanup_root(
 
     After Lyard & Magnenat-Thalmann 2008; the module has the equations.
 
-    **Arguments:** ``motion``: T frames, J joints; ``contacts``: of the motion; ``floor``: height
-    below which no contact point may go, file unit; ``length``: number of frames that count, the
-    first ones.
+    **Arguments:** ``motion``: one clip, T frames, J joints; ``contacts``: of the motion; ``floor``:
+    height below which no contact point may go, file unit; ``length``: number of frames that count,
+    the first ones.
     **Returns:** a motion of the same shape, every rotation as it was; the one given if there are no
     points.
     **Raises:** ``ValueError`` when the contacts have another number of frames or the length is
@@ -50,6 +51,7 @@ def cleanup_root(
         return motion
     level = None if floor is None else jnp.asarray(floor, motion.dtype)
     count, motion = counted("cleanup_root: length", length, motion.num_frames, motion)
+    finite_clip("cleanup_root", motion, length=length)
     return _cleanup(motion, contacts, level, count)
 
 

@@ -44,24 +44,15 @@ def bucket_size(num_frames: int, smallest: int = 16) -> int:
     return size
 
 
-@static("size")
-def pad_to_bucket(
+def padded(
     clip: Shaped[AnyArray, "frames ..."], size: int | None = None
-) -> tuple[Shaped[AnyArray, "size ..."], int]:
-    """Repeat the last frame up to a clip's bucket.
-
-    **Arguments:** ``clip``: (frames, ...); ``size``: frames of the padded clip, the clip's
-    :func:`bucket_size` when omitted.
-    **Returns:** the padded clip (size, ...) and the number of frames that count, both to be passed
-    on.
-    **Raises:** ``ValueError`` for an empty clip, or a size smaller than the clip.
-    """
+) -> Shaped[AnyArray, "size ..."]:
+    """The clip, its last frame repeated up to ``size``, its :func:`bucket_size` when omitted."""
     frames = clip.shape[0]
     size = bucket_size(frames) if size is None else size
     if size < frames:
         raise ValueError(f"size={size}; want at least the clip's {frames} frames")
-    index = np.minimum(np.arange(size), frames - 1)
-    return clip[index], frames
+    return clip[np.minimum(np.arange(size), frames - 1)]
 
 
 # Whether eager calls are computed at one of a few sizes; of the current thread or task.
@@ -117,7 +108,7 @@ def in_buckets(*clips: AnyArray, size: Callable[[int], int] = program_size) -> t
     """The clips, of two frames or more and not traced, each padded to its ``size``, as NumPy
     arrays; others as they are."""
 
-    def padded(clip: Any) -> AnyArray:
-        return pad_to_bucket(clip, size(len(clip)))[0] if shares_programs(len(clip)) else clip
+    def filled(clip: Any) -> AnyArray:
+        return padded(clip, size(len(clip))) if shares_programs(len(clip)) else clip
 
-    return clips if traced(clips) else tuple(padded(np.asarray(clip)) for clip in clips)
+    return clips if traced(clips) else tuple(filled(np.asarray(clip)) for clip in clips)

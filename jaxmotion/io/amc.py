@@ -25,7 +25,8 @@ from typing import IO, NoReturn
 
 import numpy as np
 
-from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted, read_file
+from jaxmotion._plain import quoted
+from jaxmotion.io.errors import MotionFileError, MotionFileWarning, read_file
 from jaxmotion.io.text import decoded, plain_bytes
 
 _FRAMES_AT_ONCE = 4096

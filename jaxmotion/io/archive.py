@@ -16,7 +16,8 @@ from typing import IO
 
 import numpy as np
 
-from jaxmotion.io.errors import MotionFileError, quoted, require_file
+from jaxmotion._plain import quoted
+from jaxmotion.io.errors import MotionFileError, require_file
 
 
 class Archive:

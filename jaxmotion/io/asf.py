@@ -28,7 +28,8 @@ from typing import NoReturn
 import numpy as np
 
 from jaxmotion._asf_bone import AsfBone
-from jaxmotion.io.errors import MotionFileError, quoted, read_file
+from jaxmotion._plain import quoted
+from jaxmotion.io.errors import MotionFileError, read_file
 from jaxmotion.io.text import decoded, plain_bytes
 from jaxmotion.skeleton import Skeleton
 

@@ -37,6 +37,7 @@ from os import PathLike
 import jax
 import numpy as np
 
+from jaxmotion._plain import quoted
 from jaxmotion.io import bvh_write
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.io.bvh_frames import (
@@ -48,7 +49,7 @@ from jaxmotion.io.bvh_frames import (
 )
 from jaxmotion.io.bvh_hierarchy import Hierarchy, parse_hierarchy, parse_number
 from jaxmotion.io.conventions import seconds_of, turned_for, with_up
-from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted, read_file
+from jaxmotion.io.errors import MotionFileError, MotionFileWarning, read_file
 from jaxmotion.io.euler_blocks import quaternions
 from jaxmotion.io.formats import Up, UpOut
 from jaxmotion.io.precision import float_type

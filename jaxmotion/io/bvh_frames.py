@@ -26,8 +26,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmotion._plain import quoted
 from jaxmotion.io.bvh_hierarchy import Hierarchy, number_hint, parse_number
-from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted
+from jaxmotion.io.errors import MotionFileError, MotionFileWarning
 
 # The value may stand on the next line: a frame time, if it is alone there (else it is a row).
 _FRAMES = re.compile(rb"\s*Frames\s*:?[ \t]*(?:\s+(?=\+?\d))?([^\s:]*)", re.IGNORECASE)

@@ -23,8 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmotion._plain import quoted
 from jaxmotion.io.channels import JointChannels, parse_channels
-from jaxmotion.io.errors import MotionFileError, MotionFileWarning, quoted
+from jaxmotion.io.errors import MotionFileError, MotionFileWarning
 
 _UNSIGNED = r"(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _NUMBER = re.compile(rf"[+-]?{_UNSIGNED}", re.ASCII)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmotion._plain import quoted
 from jaxmotion.io.bvh_hierarchy import keyword_and_value, parse_number, reads_back
 from jaxmotion.io.channels import (
     parse_channels,
@@ -17,7 +18,6 @@ from jaxmotion.io.channels import (
     without_positions,
 )
 from jaxmotion.io.decimal_text import number_text, table_text
-from jaxmotion.io.errors import quoted
 from jaxmotion.io.euler_blocks import angle_blocks, frame_blocks, one_branch
 from jaxmotion.io.soundness import check_clip
 from jaxmotion.io.text import encoding_for

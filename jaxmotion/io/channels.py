@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
-from jaxmotion.io.errors import quoted
+from jaxmotion._plain import quoted
 
 _AXES = "xyz"
 

@@ -18,6 +18,7 @@ from dataclasses import replace
 from os import PathLike
 
 from jaxmotion._checks import one_of
+from jaxmotion._entry import a_motion
 from jaxmotion.axes import guess_up, reorient
 from jaxmotion.io.errors import MotionFileWarning
 from jaxmotion.io.formats import Up, UpOut
@@ -66,8 +67,8 @@ def turned_for(motion: Motion, up: UpOut, path: str | PathLike, writer: str) -> 
 
     **Raises:** ``ValueError``, worded for ``writer``, for another value.
     """
-    own = motion.skeleton.up
     turned = turned_to(motion, up, writer)
+    own = motion.skeleton.up
     if turned.skeleton.up != own:
         text = (
             f"turned from {own} up to {turned.skeleton.up} up, as the file cannot say which it is"
@@ -82,8 +83,9 @@ def turned_for(motion: Motion, up: UpOut, path: str | PathLike, writer: str) -> 
 def turned_to(motion: Motion, up: UpOut, writer: str) -> Motion:
     """The motion turned so that the axis ``up`` points up, or as it is for "keep".
 
-    **Raises:** ``ValueError``, worded for ``writer``, for another value.
+    **Raises:** ``ValueError`` for what is no motion and, worded for ``writer``, for another value.
     """
+    a_motion("save", motion)
     one_of(f"{writer}: up", up, ("x", "y", "z", "keep"))
     return motion if up == "keep" else reorient(motion, up)
 

@@ -98,10 +98,3 @@ def require_file(path: str | PathLike) -> None:
 
 def _rebuild(path, found, expected, hint, line, frame):
     return MotionFileError(path, found, expected=expected, hint=hint, line=line, frame=frame)
-
-
-def quoted(text: str | bytes, limit: int = 40) -> str:
-    """A piece of a file, fit for a message: quoted, printable and short."""
-    if isinstance(text, bytes):
-        text = text[: 4 * limit].decode("utf-8", "backslashreplace")
-    return repr(text if len(text) <= limit else text[:limit] + "...")

@@ -19,10 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxmotion._asf_bone import AsfBone
+from jaxmotion._plain import quoted
 from jaxmotion.io.archive import Archive, write_archive
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.io.conventions import seconds_of, turned_to, with_up
-from jaxmotion.io.errors import MotionFileError, quoted
+from jaxmotion.io.errors import MotionFileError
 from jaxmotion.io.formats import Up, UpOut
 from jaxmotion.io.precision import float_type
 from jaxmotion.io.soundness import check_arrays, trouble

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxmotion.io.errors import quoted
+from jaxmotion._entry import not_finite, one_clip, place_of
 from jaxmotion.motion import Motion
 
 _UNIT_TOLERANCE = 1e-3  # of the squared norm
@@ -10,11 +10,7 @@ _UNIT_TOLERANCE = 1e-3  # of the squared norm
 
 def check_clip(motion: Motion) -> None:
     """``ValueError`` unless the motion is one clip, with frames, that :func:`trouble` passes."""
-    if np.ndim(motion.rotations) != 3:
-        raise ValueError(
-            f"save: the motion has batch axes, rotations {np.shape(motion.rotations)}; "
-            "save one clip at a time"
-        )
+    one_clip("save", motion, on_host=True)
     if motion.num_frames == 0:
         raise ValueError("save: the motion has no frames")
     check_arrays(motion)
@@ -37,19 +33,11 @@ def trouble(names, translations, rotations) -> str:
     """The first joint and frame whose translation or rotation is not finite, or rotation not a unit
     quaternion, in words; "" if there is none. Arrays [..., T, J, 3] and [..., T, J, 4]."""
     for field, values in (("translations", translations), ("rotations", rotations)):
-        values = np.asarray(values)
-        if not np.isfinite([values.min(initial=0), values.max(initial=0)]).all():
-            place = np.argwhere(~np.isfinite(values))[0][:-1]
-            return f"{field} of {_place(names, place)} are not finite"
+        if found := not_finite(names, field, np.asarray(values)):
+            return found
     q = np.asarray(rotations)
     stray = np.abs(np.einsum("...i,...i->...", q, q) - 1.0) > _UNIT_TOLERANCE
     if stray.any():
         place = np.argwhere(stray)[0]
-        return f"the rotation of {_place(names, place)} is {q[tuple(place)].tolist()}"
+        return f"the rotation of {place_of(names, place)} is {q[tuple(place)].tolist()}"
     return ""
-
-
-def _place(names, index: np.ndarray) -> str:
-    *batch, frame, joint = index.tolist()
-    clip = f" of clip {', '.join(map(str, batch))}" if batch else ""
-    return f"{quoted(names[joint])} at frame {frame}{clip}"

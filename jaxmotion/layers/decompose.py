@@ -30,6 +30,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
 from jaxmotion._checks import counted, known, one_number, one_of, require, static, traced
+from jaxmotion._entry import MISSING, check_weights, finite_clip, one_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._room import Room, room_for
@@ -38,12 +39,12 @@ from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.displacement import Displacement, minus
 from jaxmotion.frames.count import counted_weights
 from jaxmotion.motion import Motion
-from jaxmotion.smoothing import MotionTuning, lgs, smooth_motion, tune
+from jaxmotion.smoothing import MotionTuning, lgs
 from jaxmotion.smoothing.components import from_components, to_components
-from jaxmotion.smoothing.design import check_finite
+from jaxmotion.smoothing.design import Design
 from jaxmotion.smoothing.lgs import check_positive
-from jaxmotion.smoothing.rotations import geodesic_limit
-from jaxmotion.smoothing.tuning import Criterion
+from jaxmotion.smoothing.rotations import geodesic_limit, smoothed_clip
+from jaxmotion.smoothing.tuning import Criterion, tune_clip
 
 _RATIO = np.sqrt(2.0)
 _LAM_0, _SIGMA_0 = 1.0, 0.1
@@ -100,9 +101,9 @@ def decompose(
     Each rung that is tried costs O(T·J). Differentiable in the motion, ``lam_c`` and ``sigma_c``;
     no gradient passes through the choice of the rung. Source: Eom et al. 2019, §4.1, Eq. 12 to 15.
 
-    **Arguments:** ``motion``: T ≥ 1 frames; ``gamma``: bound on ‖v‖ in radians, in (0, π), the
-    paper's π/2; ``lam_c``, ``sigma_c``: parameters of the control layer, scalars or f[J], the
-    paper's 1; ``scope``: "global", one base for the body, or "per_joint", a rung of its own for
+    **Arguments:** ``motion``: one clip of T ≥ 1 frames; ``gamma``: bound on ‖v‖ in radians, in (0,
+    π), the paper's π/2; ``lam_c``, ``sigma_c``: parameters of the control layer, scalars or f[J],
+    the paper's 1; ``scope``: "global", one base for the body, or "per_joint", a rung of its own for
     every joint (its translation follows); ``order``: of the smoother; ``tune``: take out the noise
     first, with λ and σ learned per joint and apart for rotations and translations by this criterion
     ("evidence", "gcv" or "holdout", see :mod:`jaxmotion.smoothing.tuning`), and take no ``lam_c``
@@ -113,10 +114,10 @@ def decompose(
     rest is padding (any rotations; what comes out there means nothing), so that one compiled
     function serves clips of many lengths.
     **Returns:** :class:`MotionLayers`.
-    **Raises:** ``ValueError`` for an unknown scope, method, order or criterion, a γ outside (0, π),
-    weights of another shape or negative, NaN in the motion at positive weight, ``lam_c`` or
-    ``sigma_c`` not positive, or a length that is not from 1 to T; at run time for traced ones, and
-    as ``smoothing.lgs`` and ``smoothing.geodesic``.
+    **Raises:** ``ValueError`` for what is not one clip, an unknown scope, method, order or
+    criterion, a γ outside (0, π), weights of another shape or negative, NaN in the motion at
+    positive weight, ``lam_c`` or ``sigma_c`` not positive, or a length that is not from 1 to T; at
+    run time for traced ones, and as ``smoothing.lgs`` and ``smoothing.geodesic``.
 
     **Example:**
 
@@ -189,26 +190,22 @@ def checked_weights(
     """The motion, its ``length`` checked, and ``weights``, 0 from frame ``length`` on; None where
     all count.
 
-    **Raises:** ``ValueError`` for weights that are neither f[T] nor f[T, J], weights and motions
-    known to be wrong; as ``counted``. What is traced, the smoothers look at.
+    **Raises:** ``ValueError`` for what is not one clip, weights that are neither f[T] nor f[T, J],
+    weights and motions known to be wrong, at run time for motions that are traced; as ``counted``.
+    The smoothers look at traced weights.
     """
-    frames, joints = motion.num_frames, motion.num_joints
+    one_clip(caller, motion)
     if weights is not None:
+        check_weights(caller, motion, weights)
         given, weights = known(weights), jnp.asarray(weights, motion.dtype)
-        if weights.shape not in ((frames,), (frames, joints)):
-            raise ValueError(
-                f"{caller}: weights have shape {weights.shape}; expected ({frames},) or "
-                f"({frames}, {joints})"
-            )
         if not traced(given):
             wrong = ~((given >= 0) & (given < np.inf)).all()
             require(None, wrong, f"{caller}: weights must be finite and >= 0", got=given)
     if length is not None:
-        count, motion = counted(f"{caller}: length", length, frames, motion)
-        weights = counted_weights(weights, count, frames, motion.dtype)
-    for name in ("rotations", "translations"):
-        check_finite(f"{caller}: {name}", getattr(motion, name), weights)
-    return motion, weights
+        count, motion = counted(f"{caller}: length", length, motion.num_frames, motion)
+        weights = counted_weights(weights, count, motion.num_frames, motion.dtype)
+    hint = "" if caller == "stylize" else MISSING  # it takes no weights
+    return finite_clip(caller, motion, weights=weights, at_run_time=True, hint=hint), weights
 
 
 @compiled
@@ -232,7 +229,9 @@ def layers_of(
     constant = jax.lax.stop_gradient(clean.rotations)
     rung, saturated = _climb(constant, weights, gamma, scope, order, rungs)
     lam, sigma = _rung_parameters(rung, motion.dtype)
-    base = smooth_motion(clean, lam, sigma, order=order, weights=weights, method=method)
+    base = smoothed_clip(
+        clean, lam, sigma, design=Design(order=order), weights=weights, method=method
+    )
     whole = minus(clean, base)
     if criterion is not None:
         return MotionLayers(base, whole, minus(motion, clean), lam, sigma, saturated, tuning)
@@ -258,19 +257,18 @@ def without_noise(
 ) -> tuple[MotionTuning, Motion]:
     """M̂: what is learned of the noise, joint by joint (``smoothing.tune``), and the motion smoothed
     accordingly. ``weights`` as :func:`checked_weights` gives them. O(T·J)."""
-    tuning = tune(motion, criterion=criterion, order=order, weights=weights)
-    assert isinstance(tuning, MotionTuning)
+    tuning = tune_clip(motion, weights, criterion=criterion, order=order)
     turning, moving = tuning.rotations, tuning.translations
     lam = turning.lam
     if method == "geodesic":  # still joints learn a smoother that is as stiff as can be
         lam = jnp.minimum(lam, geodesic_limit(order, motion.dtype) / turning.sigma ** (3 - order))
-    clean = smooth_motion(
+    clean = smoothed_clip(
         motion,
         lam,
         turning.sigma,
         translation_lam=moving.lam,
         translation_sigma=moving.sigma,
-        order=order,
+        design=Design(order=order),
         weights=weights,
         method=method,
     )

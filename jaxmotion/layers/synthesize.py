@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import spacetime
-from jaxmotion._checks import static
+from jaxmotion._checks import instance_of, static
+from jaxmotion._entry import one_clip, skeleton_of
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
@@ -47,14 +48,16 @@ def synthesize(
 
     O(T·J), differentiable in everything. Source: Eom et al. 2019, Eq. 16, 17.
 
-    **Arguments:** ``layers``: of :func:`decompose`; ``alpha``: gain of the control layer: a scalar,
-    per joint f[J], or per frame and joint f[T, J] (f[T, 1] for all joints); ``residual``: gain of
-    the residual, likewise: 0 removes the noise, 1 keeps it; ``translation_alpha``: gain of the
-    translations if it is to differ from ``alpha``; ``keep_contacts``: True finds what touched in
-    the original and restores it (:func:`jaxmotion.spacetime.keep_contacts`, Eq. 18),
-    :class:`~jaxmotion.contacts.Contacts` are restored as given (under ``jit`` only these).
+    **Arguments:** ``layers``: of one clip, by :func:`decompose`; ``alpha``: gain of the control
+    layer: a scalar, per joint f[J], or per frame and joint f[T, J] (f[T, 1] for all joints);
+    ``residual``: gain of the residual, likewise: 0 removes the noise, 1 keeps it;
+    ``translation_alpha``: gain of the translations if it is to differ from ``alpha``;
+    ``keep_contacts``: True finds what touched in the original and restores it
+    (:func:`jaxmotion.spacetime.keep_contacts`, Eq. 18), :class:`~jaxmotion.contacts.Contacts` are
+    restored as given (under ``jit`` only these).
     **Returns:** a motion of the layers' shape; ``synthesize(layers, 1, 1)`` is the original.
-    **Raises:** ``ValueError`` for a gain of another shape, contacts of another length.
+    **Raises:** ``ValueError`` for what are no layers of one clip, a gain of another shape, contacts
+    of another length.
 
     **Example:**
 
@@ -65,6 +68,9 @@ def synthesize(
         >>> calm.rotations.shape == original.rotations.shape
         True
     """
+    expected = "MotionLayers (jaxmotion.decompose makes them)"
+    instance_of("synthesize: layers", layers, MotionLayers, expected)
+    one_clip("synthesize", layers.base, "layers.base")
     moving = alpha if translation_alpha is None else translation_alpha
     check_kept(layers.base, keep_contacts, "synthesize")
     edit = _edited("synthesize", layers, alpha, residual, moving)
@@ -111,13 +117,13 @@ def denoise(
     O(T·J), differentiable in the motion and ``strength``; what is learned is a constant. Source:
     Eom et al. 2019, §5.2 (α = 1) and §6.2.
 
-    **Arguments:** ``motion``: T ≥ 1 frames; ``tune``: learn the smoother's parameters from the
-    clip, per joint, by restricted evidence; False takes the paper's λ = σ = 1 for the control
-    layer; ``lam``, ``sigma``: that layer's parameters, scalars or f[J], and nothing is learned (one
-    left out is 1); ``strength``: the share of the residual that is removed, 1 for all, 0 for none,
-    a scalar, f[J] or f[T, J]; ``method``: as :func:`decompose`; ``robust``: find spikes and other
-    gross errors first and bridge them (``smoothing.outlier_weights``); ``weights``, ``length``: as
-    :func:`decompose`.
+    **Arguments:** ``motion``: one clip of T ≥ 1 frames; ``tune``: learn the smoother's parameters
+    from the clip, per joint, by restricted evidence; False takes the paper's λ = σ = 1 for the
+    control layer; ``lam``, ``sigma``: that layer's parameters, scalars or f[J], and nothing is
+    learned (one left out is 1); ``strength``: the share of the residual that is removed, 1 for all,
+    0 for none, a scalar, f[J] or f[T, J]; ``method``: as :func:`decompose`; ``robust``: find spikes
+    and other gross errors first and bridge them (``smoothing.outlier_weights``); ``weights``,
+    ``length``: as :func:`decompose`.
     **Returns:** a motion of the same shape.
     **Raises:** as :func:`decompose` and :func:`synthesize`.
 
@@ -172,10 +178,11 @@ def stylize(
 
     :func:`decompose`, then :func:`synthesize`. Source: Eom et al. 2019, §5.2.
 
-    **Arguments:** ``motion``: T ≥ 1 frames; ``alpha``, ``residual``: gains of the control layer and
-    of the residual, as :func:`synthesize`; :func:`joint_weights` makes an ``alpha`` from names;
-    ``gamma``, ``length``: as :func:`decompose`; ``keep_contacts``: True finds what touches in
-    ``motion`` and restores it, contacts are restored as given, as :func:`synthesize`.
+    **Arguments:** ``motion``: one clip of T ≥ 1 frames; ``alpha``, ``residual``: gains of the
+    control layer and of the residual, as :func:`synthesize`; :func:`joint_weights` makes an
+    ``alpha`` from names; ``gamma``, ``length``: as :func:`decompose`; ``keep_contacts``: True finds
+    what touches in ``motion`` and restores it, contacts are restored as given, as
+    :func:`synthesize`.
     **Returns:** a motion of the same shape.
     **Raises:** as :func:`decompose` and :func:`synthesize`.
 
@@ -187,6 +194,7 @@ def stylize(
         >>> jm.stylize(motion, arms).rotations.shape
         (16, 22, 4)
     """
+    one_clip("stylize", motion)
     check_kept(motion, keep_contacts, "stylize", length)
     motion, weights, gamma = checked_layers("stylize", motion, gamma, None, length)
     gains = [
@@ -202,14 +210,15 @@ def stylize(
 
 
 def joint_weights(
-    skeleton: Skeleton, gains: Mapping[str, float], *, default: float = 1.0
+    skeleton: Skeleton | Motion, gains: Mapping[str, float], *, default: float = 1.0
 ) -> Float[AnyArray, " joint"]:
     """One gain a joint from name patterns: ``joint_weights(skeleton, {"*Arm*": 2.0})``.
 
-    **Arguments:** ``skeleton``: J joints; ``gains``: shell patterns (any case) to gains; a later
-    pattern overrides an earlier one; ``default``: for joints no pattern matches.
+    **Arguments:** ``skeleton``: J joints, or a motion of them; ``gains``: shell patterns (any case)
+    to gains; a later pattern overrides an earlier one; ``default``: for joints no pattern matches.
     **Returns:** f[J], in the type of the skeleton's offsets.
-    **Raises:** ``ValueError``, listing the joints, when a pattern matches none.
+    **Raises:** ``ValueError``, listing the joints, when a pattern matches none, and for gains
+    without patterns.
 
     **Example:**
 
@@ -219,6 +228,9 @@ def joint_weights(
         >>> [float(gains[skeleton.index(name)]) for name in ("Hips", "LeftArm", "LeftHand")]
         [1.0, 2.0, 0.0]
     """
+    skeleton = skeleton_of("joint_weights", skeleton)
+    expected = """patterns and their gains, as in {"*Arm*": 2.0}"""
+    instance_of("joint_weights: gains", gains, Mapping, expected)
     weights = np.full(skeleton.num_joints, default)
     for pattern, gain in gains.items():
         weights[list(skeleton.matching(pattern))] = gain

@@ -26,6 +26,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion, spacetime
 from jaxmotion._checks import known, require, static, traced
+from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts, detect
@@ -60,7 +61,7 @@ def time_warp(
 
     **Arguments:**
 
-    - ``motion``: T ≥ 1 frames.
+    - ``motion``: one clip of T ≥ 1 frames.
     - ``amount``: a ≥ 0, slow down where displacements are large; 0.25 makes the clip a quarter
       longer, (N − 1)/(T − 1) − 1 makes it N frames; 0 (None) changes nothing.
     - ``pairs``: instead, f[K, 2] of (time in the source, time in the result), seconds, both
@@ -77,8 +78,8 @@ def time_warp(
       these).
 
     **Returns:** a motion of the same frame time.
-    **Raises:** ``ValueError`` for arguments that do not fit together, times that do not increase, a
-    negative ``amount`` or ``ease``, a duration that is traced; at run time for traced values.
+    **Raises:** ``ValueError`` for what is not one finite clip, arguments that do not fit together,
+    times that fall, a negative ``amount`` or ``ease``, a traced duration; at run time if traced.
 
     **Example:**
 
@@ -87,6 +88,7 @@ def time_warp(
         >>> len(slower)
         31
     """
+    finite_clip("time_warp", motion)
     if amount is not None and pairs is not None:
         raise ValueError("time_warp: amount and pairs are both given; expected one of them")
     frames, dtype = motion.num_frames, motion.dtype

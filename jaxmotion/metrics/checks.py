@@ -31,6 +31,7 @@ import numpy as np
 
 from jaxmotion import _likely
 from jaxmotion._checks import traced
+from jaxmotion._entry import one_clip
 from jaxmotion.axes import doubt_up
 from jaxmotion.metrics import measures
 from jaxmotion.metrics.findings import Findings, Problem
@@ -67,7 +68,7 @@ def check(motion: Motion, *, notes: bool = False) -> Findings:
         >>> jm.check(swapped).kinds
         ('order',)
     """
-    _one_clip(motion, "check")
+    _one_known_clip(motion, "check")
     return Findings(p for p in find_problems(motion) if notes or p.serious)
 
 
@@ -85,9 +86,9 @@ def find_problems(
     radians.
     **Returns:** a list of :class:`Problem` in the order of the table, then by joint and frame; none
     is good news.
-    **Raises:** ``ValueError`` for a traced motion or a batch.
+    **Raises:** ``ValueError`` for a traced motion, or what is not one clip.
     """
-    _one_clip(motion, "find_problems")
+    _one_known_clip(motion, "find_problems")
     broken = list(_not_finite(motion))
     if broken:
         return broken
@@ -110,13 +111,10 @@ def find_problems(
     ]
 
 
-def _one_clip(motion: Motion, caller: str) -> None:
+def _one_known_clip(motion: Motion, caller: str) -> None:
+    one_clip(caller, motion, on_host=True)
     if traced(motion):
         raise ValueError(f"{caller}: the motion is traced; look at it outside of jit and vmap")
-    if np.ndim(motion.rotations) != 3:
-        raise ValueError(
-            f"{caller}: rotations {np.shape(motion.rotations)}; expected one clip, (T, J, 4)"
-        )
 
 
 def _not_finite(motion: Motion) -> Iterator[Problem]:

@@ -15,10 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jaxmotion._checks import no_module
+from jaxmotion._entry import a_motion, one_clip
 from jaxmotion._summary import line
 from jaxmotion._types import ArrayLike
 from jaxmotion.contacts import ContactPoints, Contacts
-from jaxmotion.contacts.contact import check_frames
+from jaxmotion.contacts.contact import check_frames, check_points
 from jaxmotion.metrics.measures import world_positions
 from jaxmotion.motion import Motion
 
@@ -40,11 +42,11 @@ class ContactScores(NamedTuple):
 def slides(motion: Motion, contacts: Contacts) -> Float[np.ndarray, "step point"]:
     """How far each point moves from frame to frame while in contact.
 
-    **Arguments:** ``motion``: T frames; ``contacts``: of T frames and C points.
+    **Arguments:** ``motion``: one clip, T frames; ``contacts``: of T frames and C points.
     **Returns:** f64[T − 1, C], file unit; 0 where a point is not in contact in both frames.
     **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
-    check_frames(motion, contacts, "slides")
+    check_frames(motion, contacts, "slides", on_host=True)
     return _slides(motion, contacts)
 
 
@@ -57,11 +59,11 @@ def _slides(motion: Motion, contacts: Contacts) -> np.ndarray:
 def foot_skate(motion: Motion, contacts: Contacts) -> float:
     """Mean speed at which points slide while in contact; 0 without contacts.
 
-    **Arguments:** ``motion``: T frames; ``contacts``: of T frames.
+    **Arguments:** ``motion``: one clip, T frames; ``contacts``: of T frames.
     **Returns:** a float, file unit a second.
     **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
-    check_frames(motion, contacts, "foot_skate")
+    check_frames(motion, contacts, "foot_skate", on_host=True)
     mask = np.asarray(contacts.mask)
     seconds = np.sum(mask[1:] & mask[:-1]) * float(motion.frame_time)
     return float(_slides(motion, contacts).sum() / seconds) if seconds else 0.0
@@ -72,10 +74,13 @@ def penetration(
 ) -> Float[np.ndarray, "time point"]:
     """How far each point is below the floor.
 
-    **Arguments:** ``motion``: T frames; ``points``: C points of its skeleton; ``floor``: height,
-    file unit.
+    **Arguments:** ``motion``: one clip, T frames; ``points``: C points of its skeleton; ``floor``:
+    height, file unit.
     **Returns:** f64[T, C] ≥ 0, file unit.
+    **Raises:** ``ValueError`` for what is not one clip and points.
     """
+    one_clip("penetration", motion, on_host=True)
+    check_points(points, "penetration")
     positions = np.asarray(points.positions(motion), np.float64)
     return np.maximum(floor - positions[..., motion.skeleton.up_axis], 0.0)
 
@@ -90,6 +95,8 @@ def contact_scores(
     **Returns:** :class:`ContactScores`.
     **Raises:** ``ValueError`` when the shapes differ.
     """
+    for name, mask in (("found", found), ("truth", truth), ("judged", judged)):
+        no_module(f"contact_scores: {name}", mask)
     found, truth = np.asarray(found, bool), np.asarray(truth, bool)
     judged = np.ones(truth.shape, bool) if judged is None else np.asarray(judged, bool)
     if not found.shape == truth.shape == judged.shape:
@@ -102,32 +109,37 @@ def contact_scores(
     return ContactScores(float(shares[0]), float(shares[1]))
 
 
-def jerk(motion: Motion) -> Float[np.ndarray, "step joint"]:
+def jerk(motion: Motion) -> Float[np.ndarray, "*batch step joint"]:
     """Size of the third derivative in time of every joint's world position.
 
-    **Arguments:** ``motion``: T frames, J joints.
+    **Arguments:** ``motion``: T frames, J joints; leading batch axes allowed.
     **Returns:** f64[T − 3, J], file unit / s³; no rows for fewer than four frames.
+    **Raises:** ``ValueError`` for what is no motion.
     """
-    positions = world_positions(motion)[:, : motion.num_joints]
-    return np.linalg.norm(np.diff(positions, n=3, axis=0), axis=-1) / float(motion.frame_time) ** 3
+    a_motion("jerk", motion)
+    positions = world_positions(motion)[..., : motion.num_joints, :]
+    seconds = np.asarray(motion.frame_time, np.float64)[..., None, None]
+    return np.linalg.norm(np.diff(positions, n=3, axis=-3), axis=-1) / seconds**3
 
 
 def joint_position_error(
     motion: Motion, reference: Motion, *, relative: bool = False
-) -> Float[np.ndarray, "time joint"]:
+) -> Float[np.ndarray, "*batch time joint"]:
     """Distance of every joint from the reference's, in the world.
 
-    **Arguments:** ``motion``, ``reference``: clips of one shape, T frames, J joints; ``relative``:
-    with both roots put in one place, frame by frame.
+    **Arguments:** ``motion``, ``reference``: clips of one shape, T frames, J joints, leading batch
+    axes allowed; ``relative``: with both roots put in one place, frame by frame.
     **Returns:** f64[T, J], file unit.
-    **Raises:** ``ValueError`` when the shapes differ.
+    **Raises:** ``ValueError`` for what is no motion, or when the shapes differ.
     """
+    a_motion("joint_position_error", motion)
+    a_motion("joint_position_error", reference, "reference")
     if motion.rotations.shape != reference.rotations.shape:
         raise ValueError(
             f"joint_position_error: the clips have shapes {motion.rotations.shape} and "
             f"{reference.rotations.shape} (time, joint, 4); they must agree"
         )
-    a, b = (world_positions(m)[:, : m.num_joints] for m in (motion, reference))
+    a, b = (world_positions(m)[..., : m.num_joints, :] for m in (motion, reference))
     if relative:
-        a, b = a - a[:, :1], b - b[:, :1]
+        a, b = a - a[..., :1, :], b - b[..., :1, :]
     return np.linalg.norm(a - b, axis=-1)

@@ -17,6 +17,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxmotion._asf_bone import AsfBone
+from jaxmotion._checks import no_module
+from jaxmotion._entry import a_motion, one_clip, skeleton_of
 from jaxmotion._summary import brief, called, line
 from jaxmotion._types import ArrayLike
 from jaxmotion.kinematics import forward_kinematics
@@ -78,134 +80,160 @@ def turn(a: ArrayLike, b: ArrayLike) -> Float[np.ndarray, "..."]:
     **Arguments:** ``a``, ``b``: f[..., 4], of shapes that broadcast.
     **Returns:** f64[...], radians, in [0, π].
     """
+    for name, value in (("a", a), ("b", b)):
+        no_module(f"turn: {name}", value, "metrics.difference takes motions")
     a, b = np.asarray(a, np.float64), np.asarray(b, np.float64)
     chord = np.minimum(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
     return 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0))
 
 
-def rotation_rates(motion: Motion) -> Float[np.ndarray, "step joint"]:
+def rotation_rates(motion: Motion) -> Float[np.ndarray, "*batch step joint"]:
     """Speed of every joint's rotation from frame to frame.
 
-    **Arguments:** ``motion``: T frames, J joints.
+    **Arguments:** ``motion``: T frames, J joints; leading batch axes allowed.
     **Returns:** f64[T − 1, J], radians a second.
+    **Raises:** ``ValueError`` for what is no motion.
     """
+    a_motion("rotation_rates", motion)
     q = np.asarray(motion.rotations)
-    return turn(q[1:], q[:-1]) / float(motion.frame_time)
+    return turn(q[..., 1:, :, :], q[..., :-1, :, :]) / _seconds(motion)
 
 
-def sign_flips(motion: Motion) -> Bool[np.ndarray, "step joint"]:
+def sign_flips(motion: Motion) -> Bool[np.ndarray, "*batch step joint"]:
     """Where a quaternion lies in the other hemisphere from the one before.
 
     The rotation is the same, but a filter that does not know would go the long way round. Read from
     Euler angles, it is a jump of a whole turn.
 
-    **Arguments:** ``motion``: T frames, J joints.
+    **Arguments:** ``motion``: T frames, J joints; leading batch axes allowed.
     **Returns:** bool[T − 1, J].
+    **Raises:** ``ValueError`` for what is no motion.
     """
+    a_motion("sign_flips", motion)
     q = np.asarray(motion.rotations, np.float64)
-    return np.sum(q[1:] * q[:-1], axis=-1) < 0
+    return np.sum(q[..., 1:, :, :] * q[..., :-1, :, :], axis=-1) < 0
 
 
-def bend(motion: Motion) -> Float[np.ndarray, "inner joint"]:
+def bend(motion: Motion) -> Float[np.ndarray, "*batch inner joint"]:
     """How far each rotation is from half way between its neighbours in time.
 
     A rotation that is out for one frame has a bend of its error, and its neighbours of half that.
 
-    **Arguments:** ``motion``: T frames, J joints.
+    **Arguments:** ``motion``: T frames, J joints; leading batch axes allowed.
     **Returns:** f64[T − 2, J], radians; no rows for fewer than three frames.
+    **Raises:** ``ValueError`` for what is no motion.
     """
+    a_motion("bend", motion)
     q = np.asarray(motion.rotations, np.float64)
-    before, after = q[:-2], q[2:]
+    before, after = q[..., :-2, :, :], q[..., 2:, :, :]
     same = np.sum(before * after, axis=-1, keepdims=True) >= 0
     middle = before + np.where(same, after, -after)
-    return turn(q[1:-1], middle / np.linalg.norm(middle, axis=-1, keepdims=True))
+    return turn(q[..., 1:-1, :, :], middle / np.linalg.norm(middle, axis=-1, keepdims=True))
 
 
-def root_bend(motion: Motion) -> Float[np.ndarray, " inner"]:
+def root_bend(motion: Motion) -> Float[np.ndarray, "*batch inner"]:
     """How far the root is from half way between its neighbours in time.
 
-    **Arguments:** ``motion``: T frames.
+    **Arguments:** ``motion``: T frames; leading batch axes allowed.
     **Returns:** f64[T − 2], file unit; empty for fewer than three frames.
+    **Raises:** ``ValueError`` for what is no motion.
     """
-    p = np.asarray(motion.translations, np.float64)[:, 0]
-    return np.linalg.norm(p[1:-1] - 0.5 * (p[:-2] + p[2:]), axis=-1)
+    a_motion("root_bend", motion)
+    p = np.asarray(motion.translations, np.float64)[..., 0, :]
+    middle = 0.5 * (p[..., :-2, :] + p[..., 2:, :])
+    return np.linalg.norm(p[..., 1:-1, :] - middle, axis=-1)
 
 
-def duplicate_frames(motion: Motion) -> Bool[np.ndarray, " time"]:
+def duplicate_frames(motion: Motion) -> Bool[np.ndarray, "*batch time"]:
     """Which frames repeat the one before in every joint.
 
     Turns of up to 1e-8 radians, and shifts of as large a share of the figure's size, are rounding.
 
-    **Arguments:** ``motion``: T frames.
+    **Arguments:** ``motion``: T frames; leading batch axes allowed.
     **Returns:** bool[T], the first False.
+    **Raises:** ``ValueError`` for what is no motion.
     """
-    angle = turn(motion.rotations[1:], motion.rotations[:-1]).max(axis=-1, initial=0.0)
-    p = np.asarray(motion.translations, np.float64)
-    shift = np.abs(np.diff(p, axis=0)).max(axis=(1, 2), initial=0.0)
+    a_motion("duplicate_frames", motion)
+    q, p = np.asarray(motion.rotations), np.asarray(motion.translations, np.float64)
+    angle = turn(q[..., 1:, :, :], q[..., :-1, :, :]).max(axis=-1, initial=0.0)
+    shift = np.abs(np.diff(p, axis=-3)).max(axis=(-2, -1), initial=0.0)
     same = (angle <= _EXACT) & (shift <= _EXACT * figure_size(motion.skeleton))
-    return np.concatenate([[False], same])
+    return np.concatenate([np.zeros((*same.shape[:-1], 1), bool), same], axis=-1)
 
 
-def gimbal_margin(motion: Motion) -> Float[np.ndarray, "time joint"]:
+def gimbal_margin(motion: Motion) -> Float[np.ndarray, "*batch time joint"]:
     """How far each joint's Euler angles are from gimbal lock.
 
     In the joint's own order of rotation channels; infinite for joints with fewer than three. At
     lock the first and the last angle turn about one axis and may jump.
 
-    **Arguments:** ``motion``: T frames, J joints.
+    **Arguments:** ``motion``: T frames, J joints; leading batch axes allowed.
     **Returns:** f64[T, J], radians.
+    **Raises:** ``ValueError`` for what is no motion.
     """
-    margin = np.full((motion.num_frames, motion.num_joints), np.inf)
+    a_motion("gimbal_margin", motion)
     q = np.asarray(motion.rotations, np.float64)
+    margin = np.full(q.shape[:-1], np.inf)
     for j in range(motion.num_joints):
         outer, inner = _gimbal_axes(motion.skeleton, j)
         if inner is not None:
             # Their product is sin θ₂ (proper Euler: cos θ₂), up to its sign.
-            cosine = _rotated(q[:, j], inner) @ outer
-            margin[:, j] = np.arccos(np.minimum(np.abs(cosine), 1.0))
+            cosine = _rotated(q[..., j, :], inner) @ outer
+            margin[..., j] = np.arccos(np.minimum(np.abs(cosine), 1.0))
     return margin
 
 
-def figure_size(skeleton: Skeleton) -> float:
+def figure_size(skeleton: Skeleton | Motion) -> float:
     """Size of the figure: its longest chain of bones, end sites not counted.
 
-    **Arguments:** ``skeleton``: J joints.
-    **Returns:** a float, file unit; 1 where all bones have length 0.
+    **Arguments:** ``skeleton``: J joints, or a motion of them.
+    **Returns:** a float, file unit, the largest of a batch; 1 where all bones have length 0.
     """
+    skeleton = skeleton_of("figure_size", skeleton)
     lengths = np.linalg.norm(np.asarray(skeleton.offsets, np.float64), axis=-1)
-    reach = np.zeros(skeleton.num_joints)
+    reach = np.zeros_like(lengths)
     for j, parent in enumerate(skeleton.parents[1:], 1):
-        reach[j] = reach[parent] + lengths[j]
+        reach[..., j] = reach[..., parent] + lengths[..., j]
     return float(reach.max()) or 1.0
 
 
-def world_positions(motion: Motion) -> Float[np.ndarray, "time point 3"]:
+def world_positions(motion: Motion) -> Float[np.ndarray, "*batch time point 3"]:
     """World positions of joints, then end sites.
 
     Forward kinematics a block of frames at a time, so that clips of all lengths share one
     compilation.
 
-    **Arguments:** ``motion``: T frames, J joints, E end sites.
+    **Arguments:** ``motion``: T frames, J joints, E end sites; leading batch axes allowed.
     **Returns:** f64[T, J + E, 3], file unit.
+    **Raises:** ``ValueError`` for what is no motion.
     """
+    a_motion("world_positions", motion)
     translations, rotations = np.asarray(motion.translations), np.asarray(motion.rotations)
     pieces = []
     for start in range(0, motion.num_frames, _BLOCK):
         index = np.minimum(np.arange(start, start + _BLOCK), motion.num_frames - 1)
-        pose = forward_kinematics(motion.with_transforms(translations[index], rotations[index]))
+        block = motion.with_transforms(translations[..., index, :, :], rotations[..., index, :, :])
+        pose = forward_kinematics(block)
         points = [np.asarray(pose.positions), np.asarray(pose.end_positions)]
-        pieces.append(np.concatenate(points, axis=1)[: motion.num_frames - start])
-    return np.concatenate(pieces).astype(np.float64)
+        pieces.append(np.concatenate(points, axis=-2)[..., : motion.num_frames - start, :, :])
+    return np.concatenate(pieces, axis=-3).astype(np.float64)
+
+
+def _seconds(motion: Motion) -> np.ndarray:
+    """Frame time of each clip, f[..., 1, 1], to go with what is told of steps and joints."""
+    return np.asarray(motion.frame_time, np.float64)[..., None, None]
 
 
 def difference(before: Motion, after: Motion, *, world: bool = False) -> Difference:
     """How ``after`` differs from ``before``.
 
-    **Arguments:** ``before``, ``after``: clips of one shape; ``world``: whether to compare world
-    positions too.
+    **Arguments:** ``before``, ``after``: single clips of one shape; ``world``: whether to compare
+    world positions too.
     **Returns:** :class:`Difference`.
-    **Raises:** ``ValueError`` when the shapes differ.
+    **Raises:** ``ValueError`` for what is not one clip, or when the shapes differ.
     """
+    one_clip("difference", before, "before", on_host=True)
+    one_clip("difference", after, "after", on_host=True)
     if before.rotations.shape != after.rotations.shape:
         raise ValueError(
             f"difference: the clips have shapes {before.rotations.shape} and "
@@ -276,6 +304,6 @@ def _asf_axes(bone: AsfBone) -> np.ndarray:
 
 
 def _rotated(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """One vector turned by every quaternion [T, 4]."""
-    twice = 2.0 * np.cross(q[:, 1:], vector)
-    return vector + q[:, :1] * twice + np.cross(q[:, 1:], twice)
+    """One vector turned by every quaternion [..., 4]."""
+    twice = 2.0 * np.cross(q[..., 1:], vector)
+    return vector + q[..., :1] * twice + np.cross(q[..., 1:], twice)

@@ -22,6 +22,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._checks import static
+from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled, file_fact
 from jaxmotion._portable import Portable
 from jaxmotion._summary import some
@@ -34,7 +35,6 @@ from jaxmotion.multiresolution.poses import (
     Poses,
     Times,
     Vectors,
-    check_single,
     checked_times,
     minus,
     motion_of,
@@ -122,9 +122,10 @@ def compress(
     ``levels``, ``times``: as :func:`build_pyramid`.
     **Returns:** :class:`CompressedMotion`, which tells its size and its errors.
     **Raises:** ``ValueError`` for tolerances that are not positive, or so small that a detail does
-    not fit 32 bits, several clips at once, and ``levels`` or ``times`` as :func:`build_pyramid`.
+    not fit 32 bits, what is not one clip of finite numbers, and ``levels`` or ``times`` as
+    :func:`build_pyramid`.
     """
-    check_single(motion, "compress")
+    finite_clip("compress", motion, on_host=True)
     for name, value in (("rotation", rotation_tolerance), ("translation", translation_tolerance)):
         if not value > 0:
             raise ValueError(f"compress: {name}_tolerance={value}; expected a positive number")

@@ -20,12 +20,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import known, require
+from jaxmotion._checks import known, no_module, require
+from jaxmotion._entry import finite_clip
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
 from jaxmotion.frames.ends import steps_around
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.kernels import quaternions_of, rotations_of, steps, turned
-from jaxmotion.multiresolution.poses import aligned, check_single
+from jaxmotion.multiresolution.poses import aligned
 from jaxmotion.quaternion.parts import together
 
 
@@ -40,6 +41,7 @@ def orientation_filter(q: Quaternion, mask: ArrayLike) -> Quaternion:
     **Raises:** ``ValueError`` for a mask of even width, another number of rows or another sum; at
     run time for the sum of a traced mask.
     """
+    no_module("orientation_filter: q", q)
     q = jnp.asarray(q)
     return _orientation_filter(q, _step_weights(mask, q.shape[0], q.dtype, "orientation_filter"))
 
@@ -53,6 +55,7 @@ def vector_filter(x: Float[AnyArray, "time *rest"], mask: ArrayLike) -> Float[Ar
     **Returns:** f[T, ...], in the same unit.
     **Raises:** ``ValueError``, or at run time, as :func:`orientation_filter`.
     """
+    no_module("vector_filter: x", x)
     x = jnp.asarray(x)
     return _vector_filter(x, _step_weights(mask, x.shape[0], x.dtype, "vector_filter"))
 
@@ -65,9 +68,10 @@ def filter_motion(motion: Motion, mask: ArrayLike) -> Motion:
     **Arguments:** ``motion``: T frames, one clip; ``mask``: f[2k + 1] or f[T, 2k + 1], as
     :func:`orientation_filter`.
     **Returns:** a motion of the same shape.
-    **Raises:** ``ValueError`` for several clips at once; otherwise as :func:`orientation_filter`.
+    **Raises:** ``ValueError`` for what is not one clip of finite numbers; otherwise as
+    :func:`orientation_filter`.
     """
-    check_single(motion, "filter_motion")
+    finite_clip("filter_motion", motion)
     weights = _step_weights(mask, motion.num_frames, motion.dtype, "filter_motion")
     return motion.with_transforms(
         _vector_filter(jnp.asarray(motion.translations), weights),

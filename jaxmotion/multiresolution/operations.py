@@ -21,7 +21,13 @@ from jaxmotion.contacts.contact import check_kept
 from jaxmotion.displacement import Displacement, minus, plus
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.poses import Times, checked_alike, checked_times
-from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid, level_count, synthesize
+from jaxmotion.multiresolution.pyramid import (
+    Pyramid,
+    build_pyramid,
+    check_pyramid,
+    level_count,
+    synthesize,
+)
 
 
 @static("keep_contacts")
@@ -32,13 +38,14 @@ def level_of_detail(
 
     Lee & Shin 2001, §4.1.
 
-    **Arguments:** ``pyramid``: of N levels; ``level``: n + α in [0, N], traced or not: 0 leaves the
-    base, N everything, a fraction a part of the next details; beyond counts as the end of the
-    range; ``keep_contacts``: as :func:`scale_details`.
+    **Arguments:** ``pyramid``: of one clip and N levels; ``level``: n + α in [0, N], traced or not:
+    0 leaves the base, N everything, a fraction a part of the next details; beyond counts as the end
+    of the range; ``keep_contacts``: as :func:`scale_details`.
     **Returns:** a motion of the original's frames.
-    **Raises:** ``ValueError`` for a level that is not one number, and for ``keep_contacts`` as
-    :func:`scale_details`.
+    **Raises:** ``ValueError`` for what is no pyramid of one clip, a level that is not one number,
+    and for ``keep_contacts`` as :func:`scale_details`.
     """
+    check_pyramid(pyramid, "level_of_detail")
     one_number("level_of_detail: level", level)
     finest = jnp.arange(pyramid.levels, dtype=pyramid.base.dtype)
     gains = jnp.clip(jnp.asarray(level, pyramid.base.dtype) - finest, 0, 1)
@@ -53,15 +60,17 @@ def scale_details(
 
     Lee & Shin 2001, §4.2.
 
-    **Arguments:** ``pyramid``: of N levels; ``gains``: a scalar, f[N] one a level from coarse to
-    fine, or f[N, J] one a level and joint (f[1, J] for all levels alike); ``keep_contacts``: True
-    finds what touches in the original and restores it (:func:`jaxmotion.spacetime.keep_contacts`),
-    contacts are restored as given (under ``jit`` only these), False lets them go.
+    **Arguments:** ``pyramid``: of one clip and N levels; ``gains``: a scalar, f[N] one a level from
+    coarse to fine, or f[N, J] one a level and joint (f[1, J] for all levels alike);
+    ``keep_contacts``: True finds what touches in the original and restores it
+    (:func:`jaxmotion.spacetime.keep_contacts`), contacts are restored as given (under ``jit`` only
+    these), False lets them go.
     **Returns:** a motion of the original's frames; gains of 1 give it back exactly as
     ``pyramid.reconstruct()`` does.
-    **Raises:** ``ValueError`` for gains of another shape, contacts of another number of frames, or
-    True under ``jit``.
+    **Raises:** ``ValueError`` for what is no pyramid of one clip, gains of another shape, contacts
+    of another number of frames, or True under ``jit``.
     """
+    check_pyramid(pyramid, "scale_details")
     gains = jnp.asarray(gains, pyramid.base.dtype)
     levels, joints = pyramid.levels, pyramid.base.num_joints
     if gains.shape not in ((), (levels,), (levels, joints), (1, joints)):
@@ -98,18 +107,18 @@ def blend(
 
     blend(a, b, a) = blend(a, a, b) = b. Lee & Shin 2001, Eq. 20.
 
-    **Arguments:** ``reference``, ``first``, ``second``: clips of T frames and one skeleton, aligned
-    in time (:mod:`jaxmotion.timing`) and standing alike; ``levels``, ``times``: as
+    **Arguments:** ``reference``, ``first``, ``second``: single clips of T frames and one skeleton,
+    aligned in time (:mod:`jaxmotion.timing`) and standing alike; ``levels``, ``times``: as
     :func:`build_pyramid`; ``keep_contacts``: True finds what touches in ``second`` and restores it
     in the blend (:func:`jaxmotion.spacetime.keep_contacts`), contacts are restored as given (under
     ``jit`` only these), False lets them go.
     **Returns:** a motion of T frames, at the rate of ``second``.
-    **Raises:** ``ValueError`` for clips of different joints, frame times or numbers of frames,
-    ``levels`` and ``times`` as :func:`build_pyramid`, and ``keep_contacts`` as
-    :func:`scale_details`; at run time for traced frame times that differ.
+    **Raises:** ``ValueError`` for what is not one clip of finite numbers, clips of different
+    joints, frame times or numbers of frames, ``levels`` and ``times`` as :func:`build_pyramid`, and
+    ``keep_contacts`` as :func:`scale_details`; at run time for traced frame times that differ.
     """
-    first = checked_alike(reference, first, "blend")
-    second = checked_alike(reference, second, "blend")
+    clips = {"reference": reference, "first": first, "second": second}
+    reference, first, second = checked_alike("blend", clips)
     for name, clip in {"first": first, "second": second}.items():
         if clip.rotations.shape != reference.rotations.shape:
             raise ValueError(

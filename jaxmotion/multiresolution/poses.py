@@ -1,5 +1,6 @@
 """Motions by component and back, ⊕ and ⊖ on them, and what entries of this package check."""
 
+from collections.abc import Mapping
 from typing import TypeAlias
 
 import jax
@@ -8,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion._checks import known, require
+from jaxmotion._entry import finite_clip, one_clip
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.displacement import Displacement
 from jaxmotion.frames.count import step_mask
@@ -116,15 +118,6 @@ def parts_of_displacement(displacement: Displacement, moving: tuple[int, ...]) -
     return parts_of(u), parts_of(displacement.rotations)
 
 
-def check_single(motion: Motion, caller: str) -> None:
-    """``ValueError`` unless the motion is one clip."""
-    if motion.rotations.ndim != 3:
-        raise ValueError(
-            f"{caller}: the motion's rotations have shape {motion.rotations.shape}; expected one "
-            "clip (time, joint, 4); vmap over several"
-        )
-
-
 def checked_times(
     times: Times | None, frames: int, dtype, caller: str, length: ScalarLike | None = None
 ) -> Array | None:
@@ -152,11 +145,20 @@ def increasing(times: Times, caller: str, length: ScalarLike | None = None) -> A
     return require(jnp.asarray(given), falling.any(), message)
 
 
-def checked_alike(first: Motion, second: Motion, caller: str) -> Motion:
-    """The second clip, if both are one clip each, of the same joints and frame time:
-    ``ValueError``, or an error at run time for traced frame times."""
-    check_single(first, caller)
-    check_single(second, caller)
+def checked_alike(
+    caller: str, clips: Mapping[str, Motion], *, on_host: bool = False, finite: bool = True
+) -> tuple[Motion, ...]:
+    """The clips, given by the names of their arguments, if each is one clip of the joints and frame
+    time of the first, and of finite numbers: ``ValueError``, or an error at run time for traced
+    frame times."""
+    for name, clip in clips.items():
+        check = finite_clip if finite else one_clip
+        check(caller, clip, name, on_host=on_host)
+    first, *others = clips.values()
+    return first, *(_alike(caller, first, other) for other in others)
+
+
+def _alike(caller: str, first: Motion, second: Motion) -> Motion:
     if second.skeleton.names != first.skeleton.names:
         raise ValueError(
             f"{caller}: the clips have different joints, {list(first.skeleton.names)} and "

@@ -26,7 +26,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jaxmotion._checks import counted, static
+from jaxmotion._checks import counted, instance_of, static
+from jaxmotion._entry import finite_clip, one_clip
 from jaxmotion._file_facts import compiled, file_fact
 from jaxmotion._portable import Portable
 from jaxmotion._room import Room, room_for
@@ -40,7 +41,6 @@ from jaxmotion.multiresolution.poses import (
     Poses,
     Times,
     Vectors,
-    check_single,
     checked_times,
     displacement_of,
     minus,
@@ -125,16 +125,17 @@ def build_pyramid(
     ``length``: how many frames count, traced or not, when the rest is padding (any rotations; what
     comes out there means nothing), so that one compiled function serves clips of many lengths.
     **Returns:** :class:`Pyramid`.
-    **Raises:** ``ValueError`` for several clips at once, levels that the frames do not allow, times
-    that are not one a frame or do not increase, or a length outside 1 to T; at run time for such
-    times or such a length that are traced.
+    **Raises:** ``ValueError`` for what is not one clip of finite numbers, levels that the frames do
+    not allow, times that are not one a frame or do not increase, or a length outside 1 to T; at run
+    time for such times or such a length that are traced.
     """
-    check_single(motion, "build_pyramid")
+    one_clip("build_pyramid", motion)
     levels = level_count(motion.num_frames, levels, "build_pyramid")
     count = None
     if length is not None:
         count, motion = counted("build_pyramid: length", length, motion.num_frames, motion)
         count = count.astype(int)
+    finite_clip("build_pyramid", motion, length=length)
     times = checked_times(times, motion.num_frames, motion.dtype, "build_pyramid", length)
     if length is not None or times is not None:
         return _build(motion, levels, times, lazy, count)
@@ -162,6 +163,13 @@ def _cut(pyramid: Pyramid, frames: list[int]) -> Pyramid:
         lazy=pyramid.lazy,
         frame_time_text=pyramid.frame_time_text,
     )
+
+
+def check_pyramid(pyramid: Pyramid, caller: str) -> None:
+    """``ValueError`` unless it is one, of one clip."""
+    expected = "a Pyramid (jaxmotion.multiresolution.build_pyramid makes them)"
+    instance_of(f"{caller}: pyramid", pyramid, Pyramid, expected)
+    one_clip(caller, pyramid.base, "pyramid.base")
 
 
 def level_count(frames: int, levels: int | None, caller: str) -> int:

@@ -30,14 +30,14 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmotion import quaternion, spacetime
-from jaxmotion._checks import static, traced
+from jaxmotion._checks import instance_of, static, traced
 from jaxmotion._file_facts import compiled
 from jaxmotion.contacts import Contacts
 from jaxmotion.contacts.contact import check_kept
 from jaxmotion.displacement import Displacement
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.operations import with_moving_joints
-from jaxmotion.multiresolution.poses import check_single, checked_alike
+from jaxmotion.multiresolution.poses import checked_alike
 from jaxmotion.multiresolution.pyramid import Pyramid, build_pyramid, level_count
 from jaxmotion.multiresolution.schedule import level_sizes
 from jaxmotion.quaternion.arcs import twist
@@ -68,10 +68,10 @@ def stitch(
     (:func:`jaxmotion.spacetime.keep_contacts`), contacts are restored as given, for the frames of
     the result (under ``jit`` only these), False lets them go.
     **Returns:** a motion of T_A + T_B − 1 + T_C − 1 … frames, less what the search dropped.
-    **Raises:** ``ValueError`` for no clips, several clips in one motion, clips of different joints
-    or frame times, levels that a clip does not allow, a negative search or one in traced clips, a
-    traced frame time without ``levels``, contacts of another number of frames, or True for them
-    under ``jit``; at run time for traced frame times that differ.
+    **Raises:** ``ValueError`` for no clips, what is not one clip of finite numbers, clips of
+    different joints or frame times, levels that a clip does not allow, a negative search or one in
+    traced clips, a traced frame time without ``levels``, contacts of another number of frames, or
+    True for them under ``jit``; at run time for traced frame times that differ.
     """
     joined, unseamed, _ = stitched(motions, levels, align=align, search=search)
     check_kept(joined, keep_contacts, "stitch")
@@ -91,12 +91,12 @@ def stitched(
     motions: Sequence[Motion], levels: int | None = None, *, align: bool = True, search: int = 0
 ) -> Stitched:
     """:func:`stitch` before contacts are kept, and what is known of it."""
+    instance_of("stitch: motions", motions, Sequence, "a list of clips")
     if not motions:
         raise ValueError("stitch: motions is empty; expected at least one clip")
     _check_search(search, "stitch")
-    first, *others = motions
-    check_single(first, "stitch")
-    others = [checked_alike(first, clip, "stitch") for clip in others]
+    numbered = {f"motions[{i}]": clip for i, clip in enumerate(motions)}
+    first, *others = checked_alike("stitch", numbered)
     for clip in motions:
         level_count(clip.num_frames, levels, "stitch")
     moving = tuple(sorted({j for m in motions for j in m.translated_joints}))
@@ -125,13 +125,13 @@ def best_cut(first: Motion, second: Motion, search: int) -> tuple[int, int]:
     The root, whose place and heading :func:`follow` sees to, is not compared, but its own
     acceleration counts. The module has what is minimised. O(search²·J), not traceable.
 
-    **Arguments:** ``first``, ``second``: clips of one skeleton and frame time; ``search``: how many
-    frames at most of each, and at most half of a clip.
+    **Arguments:** ``first``, ``second``: single clips of one skeleton and frame time; ``search``:
+    how many frames at most of each, and at most half of a clip.
     **Returns:** (frames at the end of ``first``, frames at the start of ``second``), whole numbers.
     **Raises:** ``ValueError`` for clips of different joints or frame times, traced clips or a
     negative search.
     """
-    second = checked_alike(first, second, "best_cut")
+    first, second = checked_alike("best_cut", {"first": first, "second": second}, on_host=True)
     _check_search(search, "best_cut")
     _check_known(first, second, "best_cut")
     return _best_cut(first, second, search)
@@ -199,12 +199,12 @@ def follow(first: Motion, second: Motion) -> Motion:
 
     Its root then starts where the root of ``first`` ends; heights and tilts stay.
 
-    **Arguments:** ``first``, ``second``: clips of one skeleton and frame time.
+    **Arguments:** ``first``, ``second``: single clips of one skeleton and frame time.
     **Returns:** a motion of ``second``'s shape.
     **Raises:** ``ValueError`` for clips of different joints or frame times, at run time for frame
     times that are traced.
     """
-    return _follow(first, checked_alike(first, second, "follow"))
+    return _follow(*checked_alike("follow", {"first": first, "second": second}, finite=False))
 
 
 @compiled

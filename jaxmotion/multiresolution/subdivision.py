@@ -8,7 +8,8 @@ the motion and the times. One clip; vmap for several.
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import static
+from jaxmotion._checks import no_module, static
+from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution.cascade import merged
@@ -21,7 +22,6 @@ from jaxmotion.multiresolution.levels import (
 )
 from jaxmotion.multiresolution.poses import (
     Times,
-    check_single,
     checked_times,
     increasing,
     motion_of,
@@ -39,10 +39,10 @@ def reduce(motion: Motion, *, times: Times | None = None) -> Motion:
     (those of the result are :func:`coarser_times`).
     **Returns:** a motion of T//2 + 1 frames, twice the frame time; the last of an even T lies one
     step past the end, where the clip is continued by Eq. 6. One frame stays one.
-    **Raises:** ``ValueError`` for several clips at once, or times that are not one a frame or do
-    not increase; at run time for traced times that do not.
+    **Raises:** ``ValueError`` for what is not one clip of finite numbers, or times that are not one
+    a frame or do not increase; at run time for traced times that do not.
     """
-    check_single(motion, "reduce")
+    finite_clip("reduce", motion)
     times = checked_times(times, motion.num_frames, motion.dtype, "reduce")
     return _reduce(motion, times)
 
@@ -56,10 +56,10 @@ def expand(motion: Motion, num_frames: int | None = None, *, times: Times | None
     **Arguments:** ``motion``: K frames, one clip; ``num_frames``: 2K − 1 (the default) or 2K − 2;
     ``times``: f[num_frames] of the result, increasing, if unevenly spaced.
     **Returns:** a motion of ``num_frames`` frames, half the frame time. One frame stays one.
-    **Raises:** ``ValueError`` for several clips at once, another number of frames, or times that
-    are not one a frame or do not increase; at run time for traced times that do not.
+    **Raises:** ``ValueError`` for what is not one clip of finite numbers, another number of frames,
+    or times that are not one a frame or do not increase; at run time for traced times that do not.
     """
-    check_single(motion, "expand")
+    finite_clip("expand", motion)
     whole = 2 * motion.num_frames - 1
     fewest = max(whole - 1, 1)
     frames = whole if num_frames is None else num_frames
@@ -77,8 +77,9 @@ def upsample(motion: Motion, octaves: int = 1) -> Motion:
 
     **Arguments:** ``motion``: T frames, one clip; ``octaves``: 0 or more, static.
     **Returns:** a motion of (T − 1)·2^octaves + 1 frames.
-    **Raises:** ``ValueError`` for negative octaves or several clips at once.
+    **Raises:** ``ValueError`` for negative octaves or what is not one clip of finite numbers.
     """
+    finite_clip("upsample", motion)
     for _ in range(_octaves("upsample", octaves)):
         motion = expand(motion)
     return motion
@@ -90,8 +91,9 @@ def downsample(motion: Motion, octaves: int = 1) -> Motion:
 
     **Arguments:** ``motion``: T frames, one clip; ``octaves``: 0 or more, static.
     **Returns:** a motion; each halving makes T//2 + 1 frames of T.
-    **Raises:** ``ValueError`` for negative octaves or several clips at once.
+    **Raises:** ``ValueError`` for negative octaves or what is not one clip of finite numbers.
     """
+    finite_clip("downsample", motion)
     for _ in range(_octaves("downsample", octaves)):
         motion = reduce(motion)
     return motion
@@ -107,6 +109,7 @@ def coarser_times(times: Times) -> Float[Array, " coarse"]:
     **Raises:** ``ValueError`` for times that are not f[T] or do not increase; at run time for
     traced times that do not.
     """
+    no_module("coarser_times: times", times)
     times = increasing(times, "coarser_times")
     if len(times) < 2:
         return times

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxmotion._checks import counted
+from jaxmotion._checks import counted, no_module
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
 from jaxmotion.quaternion.algebra import align_signs
 
@@ -42,6 +42,7 @@ def least_energy_signs(
     **Raises:** ``ValueError`` when shapes do not fit, or for a length that is not from 1 to n; at
     run time for a traced one.
     """
+    no_module("least_energy_signs: q", q)
     q = jnp.asarray(q)
     n = q.shape[0]
     times = jnp.arange(n, dtype=q.dtype) if times is None else jnp.asarray(times, q.dtype)

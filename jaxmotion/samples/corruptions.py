@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool
 
 from jaxmotion import quaternion
 from jaxmotion._checks import one_number, require
+from jaxmotion._entry import one_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._types import Key, ScalarLike
@@ -48,10 +49,11 @@ def add_noise(
     The mask tells all joints if ``rotation`` is not 0, and ``motion.translated_joints`` if
     ``translation`` is not.
 
-    **Arguments:** ``motion``: T frames; ``key``: of JAX's random numbers; ``rotation``: standard
-    deviation of each component, radians; ``translation``: the same in the file's unit.
+    **Arguments:** ``motion``: one clip, T frames; ``key``: of JAX's random numbers; ``rotation``:
+    standard deviation of each component, radians; ``translation``: the same in the file's unit.
     **Returns:** :class:`Corrupted`.
-    **Raises:** ``ValueError`` for a negative amount, at run time where it is traced.
+    **Raises:** ``ValueError`` for what is not one clip, a negative amount, at run time where it is
+    traced.
     """
     motion = not_negative("add_noise", motion, rotation=rotation, translation=translation)
     kind = motion.dtype
@@ -63,10 +65,11 @@ def drop_frames(motion: Motion, key: Key, *, rate: ScalarLike = 0.1) -> Corrupte
 
     The mask's rows tell which: ``mask[:, 0]``.
 
-    **Arguments:** ``motion``: T frames; ``key``: of JAX's random numbers; ``rate``: probability
-    that a frame is lost, from 0 to 1.
+    **Arguments:** ``motion``: one clip, T frames; ``key``: of JAX's random numbers; ``rate``:
+    probability that a frame is lost, from 0 to 1.
     **Returns:** :class:`Corrupted`.
-    **Raises:** ``ValueError`` for a rate out of range, at run time where it is traced.
+    **Raises:** ``ValueError`` for what is not one clip, a rate out of range, at run time where it
+    is traced.
     """
     motion = _with_share("drop_frames", motion, rate)
     return _drop(motion, key, jnp.asarray(rate, motion.dtype))
@@ -78,11 +81,12 @@ def slide_root(motion: Motion, key: Key, *, amount: ScalarLike = 0.1) -> Corrupt
     A constant velocity of random direction plus one slow seeded wave, along the two axes that are
     not ``skeleton.up``. Rotations stay.
 
-    **Arguments:** ``motion``: T frames; ``key``: of JAX's random numbers; ``amount``: drift at the
-    last frame, as a fraction of the skeleton's longest chain from the root (about the height from
-    the hips to the hands or toes).
+    **Arguments:** ``motion``: one clip, T frames; ``key``: of JAX's random numbers; ``amount``:
+    drift at the last frame, as a fraction of the skeleton's longest chain from the root (about the
+    height from the hips to the hands or toes).
     **Returns:** :class:`Corrupted`; the mask tells the root.
-    **Raises:** ``ValueError`` for a negative amount, at run time where it is traced.
+    **Raises:** ``ValueError`` for what is not one clip, a negative amount, at run time where it is
+    traced.
     """
     motion = not_negative("slide_root", motion, amount=amount)
     return _slide(motion, key, jnp.asarray(amount, motion.dtype))
@@ -91,10 +95,11 @@ def slide_root(motion: Motion, key: Key, *, amount: ScalarLike = 0.1) -> Corrupt
 def flip_signs(motion: Motion, key: Key, *, rate: ScalarLike = 0.05) -> Corrupted:
     """Negate quaternions at random: the rotations stay the same, as after careless conversions.
 
-    **Arguments:** ``motion``: T frames; ``key``: of JAX's random numbers; ``rate``: probability
-    that an entry is negated, from 0 to 1.
+    **Arguments:** ``motion``: one clip, T frames; ``key``: of JAX's random numbers; ``rate``:
+    probability that an entry is negated, from 0 to 1.
     **Returns:** :class:`Corrupted`.
-    **Raises:** ``ValueError`` for a rate out of range, at run time where it is traced.
+    **Raises:** ``ValueError`` for what is not one clip, a rate out of range, at run time where it
+    is traced.
     """
     motion = _with_share("flip_signs", motion, rate)
     return _flip(motion, key, jnp.asarray(rate, motion.dtype))
@@ -164,7 +169,8 @@ def replace_where(motion, mask, rotations) -> Corrupted:
 
 
 def not_negative(who: str, motion: Motion, **amounts: ScalarLike) -> Motion:
-    """The motion, unless an amount is no number of 0 or more."""
+    """The motion, one clip, unless an amount is no number of 0 or more."""
+    one_clip(who, motion)
     for name, value in amounts.items():
         wrong = ~(one_number(f"{who}: {name}", value) >= 0)
         motion = require(motion, wrong, f"{who}: {name} must be 0 or more", got=value)
@@ -172,6 +178,7 @@ def not_negative(who: str, motion: Motion, **amounts: ScalarLike) -> Motion:
 
 
 def _with_share(who: str, motion: Motion, rate: ScalarLike) -> Motion:
+    one_clip(who, motion)
     share = one_number(f"{who}: rate", rate)
     wrong = ~((share >= 0) & (share <= 1))
     return require(motion, wrong, f"{who}: rate must be a share from 0 to 1", got=rate)

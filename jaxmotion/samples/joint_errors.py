@@ -24,6 +24,7 @@ from jaxtyping import Array
 
 from jaxmotion import quaternion
 from jaxmotion._checks import static
+from jaxmotion._entry import one_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
 from jaxmotion._types import Key
@@ -44,13 +45,14 @@ def offset_joints(
 ) -> Corrupted:
     """Turn a joint by a constant rotation, in its own frame, over each of ``runs`` runs.
 
-    **Arguments:** ``motion``: T frames; ``key``: of JAX's random numbers; ``runs``: how many, at
-    least 1; ``magnitude``: least and greatest angle, radians; ``length``: least and greatest number
-    of frames, both included; ``joints``: indices of those that may be hit, all but the root when
-    absent.
+    **Arguments:** ``motion``: one clip, T frames; ``key``: of JAX's random numbers; ``runs``: how
+    many, at least 1; ``magnitude``: least and greatest angle, radians; ``length``: least and
+    greatest number of frames, both included; ``joints``: indices of those that may be hit, all but
+    the root when absent.
     **Returns:** :class:`Corrupted`.
-    **Raises:** ``ValueError`` for fewer than one run, bounds that are not in order, negative
-    angles, runs of less than a frame, no joints, or joints that the skeleton does not have.
+    **Raises:** ``ValueError`` for what is not one clip, fewer than one run, bounds that are not in
+    order, negative angles, runs of less than a frame, no joints, or joints that the skeleton does
+    not have.
     """
     joints = _check_runs("offset_joints", motion, runs, length, joints)
     _check_range("offset_joints", "magnitude", magnitude)
@@ -140,6 +142,7 @@ def swap_limbs(
     **Raises:** ``ValueError`` as :func:`offset_joints`, for a joint named twice, or if no pair is
     given and none is found by name.
     """
+    one_clip("swap_limbs", motion)
     chosen = _pairs_by_name(motion.skeleton) if pairs is None else [tuple(p) for p in pairs]
     if not chosen:
         raise ValueError("swap_limbs: no joints called Left… and Right…; give pairs=[(i, j), …]")
@@ -280,6 +283,7 @@ def _check_range(who, name, pair):
 
 
 def _check_runs(who, motion, runs, length, joints, name="runs") -> tuple[int, ...]:
+    one_clip(who, motion)
     if not isinstance(runs, (int, np.integer)) or runs < 1:
         raise ValueError(f"{who}: {name}={runs!r}; expected a whole number of at least 1")
     if len(length) != 2 or not 1 <= length[0] <= length[1]:

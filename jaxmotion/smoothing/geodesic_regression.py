@@ -40,7 +40,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import Fault, fault, known, one_of, raise_faults, static
+from jaxmotion._checks import Fault, fault, known, no_module, one_of, raise_faults, static
 from jaxmotion._portable import Portable
 from jaxmotion._summary import brief, per_frame
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion, ScalarLike
@@ -263,6 +263,7 @@ def geodesic(
     positive, data at fewer than two distinct frames (one for order 1). At run time as ``throw``
     says.
     """
+    no_module("geodesic: q", q, "jaxmotion.smoothing.smooth_motion takes motions")
     given, q = known(q), jnp.asarray(q)
     if q.ndim < 2 or q.shape[-1] != 4:
         raise ValueError(f"geodesic: q must have shape (Nd, J, 4) or (Nd, 4), got {q.shape}")

@@ -47,7 +47,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import Fault, known, one_of, raise_faults, require, static, traced
+from jaxmotion._checks import Fault, known, no_module, one_of, raise_faults, require, static, traced
 from jaxmotion._portable import Portable
 from jaxmotion._summary import per_frame
 from jaxmotion._types import ArrayLike, Key
@@ -194,6 +194,7 @@ def lgs(
     NaN in y at positive weight. At run time, known or not: a lam * sigma that the dtype cannot
     hold.
     """
+    no_module("lgs: y", y, "jaxmotion.smoothing.smooth_motion takes motions")
     given, y = y, _checked_data(y)
     channels = y.shape[1:]
     one_of("order", order, (1, 2))

@@ -28,7 +28,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
-from jaxmotion._checks import one_of, static
+from jaxmotion._checks import no_module, one_of, static
+from jaxmotion._entry import MISSING, finite_clip
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
@@ -58,7 +59,7 @@ def outlier_weights(
 
     O(T·J) a round. No gradient passes through the weights.
 
-    **Arguments:** ``y``: f[T, J, C] of J groups of C channels, f[T] one channel, or a motion;
+    **Arguments:** ``y``: f[T, J, C] of J groups of C channels, f[T] one channel, or one clip;
     ``loss``: of samples that lie far out, "huber" (trusted less) or "cauchy" (not at all);
     ``weights``: f[T] or f[T, J], ≥ 0, what is known beforehand, 0 for missing; ``order``: of the
     smoother.
@@ -69,8 +70,8 @@ def outlier_weights(
     """
     one_of("outlier_weights: loss", loss, BEND)
     if isinstance(y, Motion):
-        for name in ("rotations", "translations"):
-            check_known(f"outlier_weights: {name}", getattr(y, name), weights, order=order)
+        y = finite_clip("outlier_weights", y, "y", weights=weights, at_run_time=True, hint=MISSING)
+        check_known("outlier_weights: y", y.rotations, weights, order=order)
         rotations, translations = jnp.asarray(y.rotations), jnp.asarray(y.translations)
         given = _given(weights, translations)
         trusted = _reweighted(rotations, given, loss, order, True)
@@ -79,6 +80,7 @@ def outlier_weights(
             return trusted
         moving = _reweighted(translations[:, moved], given[:, moved], loss, order, False)
         return trusted.at[:, moved].min(moving)
+    no_module("outlier_weights: y", y)
     y = jnp.asarray(y)
     if y.ndim not in (1, 3):
         raise ValueError(f"outlier_weights: y has shape {y.shape}; expected (T, J, C) or (T,)")

@@ -19,7 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxmotion._checks import one_of, static
+from jaxmotion._checks import no_module, one_of, static
+from jaxmotion._entry import MISSING, finite_clip, one_clip
 from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.chordal import chordal, linear_mean
@@ -65,6 +66,7 @@ def smooth_quaternions(
     **Raises:** ``ValueError`` for shapes and options that do not fit; as
     :func:`~jaxmotion.smoothing.lgs` and, for "geodesic", :func:`~jaxmotion.smoothing.geodesic`.
     """
+    no_module("smooth_quaternions: q", q, "jaxmotion.smoothing.smooth_motion takes motions")
     _check_options(method, signs, weights, stiffness, window)
     q = jnp.asarray(q)
     if q.ndim < 2 or q.shape[-1] != 4:
@@ -117,16 +119,48 @@ def smooth_motion(
 
     O(T·J). Differentiable as :func:`smooth_quaternions`. Source: Eom et al. 2019, Eq. 11.
 
-    **Arguments:** ``motion``: T frames, J joints; ``lam``, ``sigma``: scalars or f[J], traced or
-    not (σ is in radians for chordal components' half angles and in length units for translations;
-    only λσ matters to the mean); ``translation_lam``, ``translation_sigma``: those of the
-    translations if they are to differ; ``weights``: f[T] or f[T, J], 0 for missing; ``stiffness``:
-    f[Nf] or f[Nf, J]; ``index``, ``num_frames``, ``order``, ``scale``, ``method``, ``signs``,
-    ``window``: as :func:`smooth_quaternions`.
+    **Arguments:** ``motion``: one clip, T frames, J joints; ``lam``, ``sigma``: scalars or f[J],
+    traced or not (σ is in radians for chordal components' half angles and in length units for
+    translations; only λσ matters to the mean); ``translation_lam``, ``translation_sigma``: those of
+    the translations if they are to differ; ``weights``: f[T] or f[T, J], 0 for missing;
+    ``stiffness``: f[Nf] or f[Nf, J]; ``index``, ``num_frames``, ``order``, ``scale``, ``method``,
+    ``signs``, ``window``: as :func:`smooth_quaternions`.
     **Returns:** a motion of ``num_frames`` frames and the same frame time.
-    **Raises:** as :func:`smooth_quaternions`.
+    **Raises:** ``ValueError`` for what is not one clip; as :func:`smooth_quaternions`.
     """
+    one_clip("smooth_motion", motion)
     _check_options(method, signs, weights, stiffness, window)
+    motion = finite_clip("smooth_motion", motion, weights=weights, at_run_time=True, hint=MISSING)
+    return smoothed_clip(
+        motion,
+        lam,
+        sigma,
+        translation_lam=translation_lam,
+        translation_sigma=translation_sigma,
+        weights=weights,
+        stiffness=stiffness,
+        design=Design(index, num_frames, order, scale),
+        method=method,
+        signs=signs,
+        window=window,
+    )
+
+
+def smoothed_clip(
+    motion: Motion,
+    lam: ScalarLike,
+    sigma: ScalarLike,
+    *,
+    translation_lam: ScalarLike | None = None,
+    translation_sigma: ScalarLike | None = None,
+    weights: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
+    design: Design,
+    method: Method = "chordal",
+    signs: Signs = "nearest",
+    window: int | None = None,
+) -> Motion:
+    """:func:`smooth_motion` of a clip that is checked."""
     moving_lam = lam if translation_lam is None else translation_lam
     moving_sigma = sigma if translation_sigma is None else translation_sigma
     given = {"lam": lam, "sigma": sigma}
@@ -136,7 +170,6 @@ def smooth_motion(
     weights, stiffness = (
         None if x is None else jnp.asarray(x, motion.dtype) for x in (weights, stiffness)
     )
-    design = Design(index, num_frames, order, scale)
     moved = np.asarray(motion.translated_joints, int)
     y = motion.translations[:, moved]
 
@@ -158,7 +191,7 @@ def smooth_motion(
     else:
         # One solve for both: translations are given a spare component, and stand as more joints.
         joints = motion.num_joints
-        x = to_components(motion.rotations, weights, index, method, signs)
+        x = to_components(motion.rotations, weights, design.index, method, signs)
         spare = jnp.zeros((*y.shape[:2], x.shape[-1] - 3), y.dtype)
         y = jnp.concatenate([x, jnp.concatenate([y, spare], -1)], axis=1)
         x = solve(y, np.arange(joints))

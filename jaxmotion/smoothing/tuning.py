@@ -31,7 +31,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import one_of, static
+from jaxmotion._checks import no_module, one_of, static
+from jaxmotion._entry import MISSING, finite_clip
 from jaxmotion._portable import Portable
 from jaxmotion._summary import brief
 from jaxmotion._types import AnyArray, ArrayLike
@@ -112,19 +113,31 @@ def tune(
     options = {"criterion": criterion, "per": per, "order": order, "scale": scale}
     options |= {"index": index, "num_frames": num_frames}
     if isinstance(y, Motion):
-        return _tune_motion(y, weights, options)
+        if per == "channel":
+            raise ValueError("tune: per='channel' needs a signal; a motion has 'clip' or 'joint'")
+        y = finite_clip("tune", y, "y", weights=weights, at_run_time=True, hint=MISSING)
+        return tune_clip(y, weights, **options)
+    no_module("tune: y", y)
     return tune_signal(jnp.asarray(y), weights=weights, **options)
 
 
-def _tune_motion(motion: Motion, weights: ArrayLike | None, options: dict) -> MotionTuning:
-    if options["per"] == "channel":
-        raise ValueError("tune: per='channel' needs a signal; a motion has 'clip' or 'joint'")
+def tune_clip(
+    motion: Motion,
+    weights: ArrayLike | None,
+    *,
+    per: Per = "joint",
+    index: ArrayLike | None = None,
+    order: Literal[1, 2] = 2,
+    **options,
+) -> MotionTuning:
+    """:func:`tune` for a clip that is checked, with its options."""
+    options |= {"per": per, "index": index, "order": order}
     weights = None if weights is None else jnp.asarray(weights, motion.dtype)
-    components = to_components(motion.rotations, weights, options["index"])
+    components = to_components(motion.rotations, weights, index)
     turning = tune_signal(components, weights=weights, **options)
     # Noise leaves a quaternion's length as it is, so that one of its four components has none.
     share = math.sqrt(4 / 3)
-    lam, sigma = turning.lam / share ** (3 - options["order"]), turning.sigma * share
+    lam, sigma = turning.lam / share ** (3 - order), turning.sigma * share
     turning = Tuning(lam, sigma, turning.score)
     moved = np.asarray(motion.translated_joints, int)
     ones = jnp.ones_like(turning.lam)
@@ -133,7 +146,7 @@ def _tune_motion(motion: Motion, weights: ArrayLike | None, options: dict) -> Mo
     if weights is not None and np.ndim(weights) > 1:
         weights = jnp.asarray(weights)[:, moved]
     moving = tune_signal(motion.translations[:, moved], weights=weights, **options)
-    if options["per"] == "joint":
+    if per == "joint":
         moving = jax.tree.map(lambda x: ones.at[moved].set(x), moving)
     return MotionTuning(turning, moving)
 

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import static
+from jaxmotion._checks import no_module, static
 from jaxmotion._types import ArrayLike
 from jaxmotion.smoothing.lgs import lgs
 
@@ -55,6 +55,7 @@ def windowed_lgs(
     :func:`~jaxmotion.smoothing.lgs`, where "data at 2 or more distinct frames" is asked of every
     window.
     """
+    no_module("windowed_lgs: y", y, "jaxmotion.smoothing.smooth_motion takes motions")
     y = jnp.asarray(y)
     stride = _checked_stride(window, stride)
     if not (steepness > 0 and np.isfinite(steepness)):

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
+from jaxmotion._entry import finite_clip
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion, ScalarLike
 from jaxmotion.motion import Motion
@@ -74,9 +75,12 @@ def learn_limits(
     side; ``coverage``: share of the frames that the box holds in each component, in (0, 1], less
     than 1 to leave outliers out.
     **Returns:** :class:`JointLimits` of J joints, the root's infinite.
-    **Raises:** ``ValueError`` for no clips, clips of different skeletons, a bad coverage.
+    **Raises:** ``ValueError`` for no clips, what is not one clip of finite numbers, clips of
+    different skeletons, a bad coverage.
     """
-    clips = [motions] if isinstance(motions, Motion) else list(motions)
+    clips = list(motions) if isinstance(motions, Sequence) else [motions]
+    for clip in clips:
+        finite_clip("learn_limits", clip, "motions")
     if not clips or len({clip.skeleton.names for clip in clips}) > 1:
         raise ValueError(
             f"learn_limits: motions holds {len(clips)} clips; expected one or more, of one skeleton"

@@ -15,13 +15,15 @@ Contacts are found with :func:`jaxmotion.contacts.detect`, or given. Cost as
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from jaxmotion import spacetime
 from jaxmotion._checks import counted, static, traced, warn
+from jaxmotion._entry import finite_clip, one_clip
 from jaxmotion._room import Room
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, detect, fit_distances
-from jaxmotion.contacts.contact import check_frames
+from jaxmotion.contacts.contact import check_frames, check_kept
 from jaxmotion.contacts.nearby import contacts_near, motion_near, moved_as, origin_of
 from jaxmotion.motion import Motion
 from jaxmotion.spacetime.solve import with_room, without_room
@@ -49,22 +51,29 @@ def keep_contacts(
 
     ``keep_contacts(edit, original=motion)`` or, in this order, ``keep_contacts(edit, motion)``.
 
-    **Arguments:** ``edit``: T frames, what is to be changed; ``original``: T frames of the same
-    skeleton, what ``edit`` was made from, whose contacts it gets; ``contacts``: those to keep, T
-    frames, or True to find them on the original (outside of ``jit`` and ``vmap``), or False for
-    none; ``length``: number of frames that count, the first ones, for padded clips.
+    **Arguments:** ``edit``: one clip of T frames, what is to be changed; ``original``: one of T
+    frames and the same skeleton, what ``edit`` was made from, whose contacts it gets; ``contacts``:
+    those to keep, T frames, or True to find them on the original (outside of ``jit`` and ``vmap``),
+    or False for none; ``length``: number of frames that count, the first ones, for padded clips.
     **Returns:** a motion of the edit's shape. Differentiable in the edit and the targets.
-    **Raises:** ``ValueError`` for clips or contacts of different lengths, or traced clips without
-    contacts. **Warns:** :class:`ConvergenceWarning`, outside of ``jit`` and ``vmap``, where the
-    steps did not come to rest; :func:`restore` tells it inside too.
+    **Raises:** ``ValueError`` for what is not one clip of finite numbers (at run time where it is
+    traced), clips or contacts of different lengths, or traced clips without contacts. **Warns:**
+    :class:`ConvergenceWarning`, outside of ``jit`` and ``vmap``, where the steps did not come to
+    rest; :func:`restore` tells it inside too.
 
     Source: Eom, Choi and Noh 2019, section 4.3.
     """
-    if isinstance(contacts, bool):
-        if not contacts:
-            return edit
-        contacts = detect(original, length=length)
-    answer, report = restore(edit, contacts, length=length)
+    one_clip("keep_contacts", edit, "edit")
+    one_clip("keep_contacts", original, "original")
+    check_kept(original, contacts, "keep_contacts", length)
+    if contacts is False:
+        return edit
+    edit, count = _counted("keep_contacts", edit, "edit", length)
+    finite_clip("keep_contacts", original, "original", length=count)
+    if contacts is True:
+        contacts = detect(original, length=count)
+    check_frames(edit, contacts, "keep_contacts")
+    answer, report = _restored(edit, contacts, None, count)
     if not traced(report.converged) and not report.converged:
         warn(
             "keep_contacts",
@@ -84,27 +93,41 @@ def restore(
 ) -> "tuple[Motion, Report]":
     """:func:`~jaxmotion.spacetime.satisfy` with targets that the feet can meet.
 
-    **Arguments:** ``motion``: T frames; ``contacts``: T frames, found on the motion or on what it
-    was edited from, targets in its unit; ``weights``: by default those of a change that fades in
-    0.2 s; ``length``: as :func:`keep_contacts`.
+    **Arguments:** ``motion``: one clip, T frames; ``contacts``: T frames, found on the motion or on
+    what it was edited from, targets in its unit; ``weights``: by default those of a change that
+    fades in 0.2 s; ``length``: as :func:`keep_contacts`.
     **Returns:** the motion and a :class:`~jaxmotion.spacetime.Report`. Differentiable in motion,
     targets and weights.
     **Raises:** as ``satisfy``; ``ValueError`` for a length that is no number of the clip's frames.
 
     Source: Eom, Choi and Noh 2019, Eq. 18.
     """
+    check_frames(motion, contacts, "restore")
+    motion, count = _counted("restore", motion, "motion", length)
+    return _restored(motion, contacts, weights, count)
+
+
+def _counted(
+    caller: str, motion: Motion, name: str, length: ScalarLike | None
+) -> tuple[Motion, Array | None]:
+    """The clip, checked, and how many of its frames count, None for all."""
+    count = None
+    if length is not None:
+        count, motion = counted(f"{caller}: length", length, motion.num_frames, motion)
+    return finite_clip(caller, motion, name, length=count, at_run_time=True), count
+
+
+def _restored(
+    motion: Motion, contacts: Contacts, weights: "Weights | None", length: Array | None
+) -> "tuple[Motion, Report]":
     if weights is None:
         weights = spacetime.Weights(size=_SIZE, bend=_SIZE * _FADE**4, root=_ROOT)
     room = Room(motion.num_frames)
-    if length is not None:
-        length, motion = counted("keep_contacts: length", length, contacts.num_frames, motion)
-    else:
-        check_frames(motion, contacts, "keep_contacts")
+    if length is None:
         room, motion, contacts = with_room(motion, contacts, weights)
-        length = room.length
     # Near the origin once for both steps, or far away the targets' rounding would come between.
     origin = origin_of(motion)
     start, aimed = motion_near(motion, origin), contacts_near(contacts, origin)
     fitted = fit_distances(start, aimed)
-    answer, report = spacetime.satisfy(start, fitted, weights=weights, length=length)
+    answer, report = spacetime.satisfy(start, fitted, weights=weights, length=room.length or length)
     return without_room(room, moved_as(motion, start, answer), report)

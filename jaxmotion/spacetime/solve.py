@@ -41,13 +41,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion._checks import counted, one_of, poisoned, raise_faults, static
+from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._room import Room, room_for
 from jaxmotion._summary import brief, some
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.contacts import ContactPoints, Contacts
-from jaxmotion.contacts.contact import over_time
+from jaxmotion.contacts.contact import check_frames, over_time
 from jaxmotion.contacts.detect import mean_limb_lengths
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, moved_as, origin_of
 from jaxmotion.frames.count import frame_mask
@@ -137,15 +138,15 @@ def satisfy(
 ) -> tuple[Motion, Report]:
     """The motion, moved so that it keeps its contacts.
 
-    **Arguments:** ``motion``: T frames, J joints; ``contacts``: T frames, C points, C = 0 allowed,
-    targets in the motion's unit; ``joint_limits``: of all J joints, radians; ``floor``: a height,
-    file unit, no contact point shall be below; ``weights``: :class:`Weights`; ``ramp``: seconds
-    over which a contact's pull comes and goes, before and after it (the module says why none by
-    default); ``method``: the module's three ways; ``tolerance``: radians, the iteration stops after
-    a step shorter than that; ``max_steps``: 64 by default, and 2000 of L-BFGS-B for "bounds";
-    ``length``: number of frames that count, the first ones, for padded clips (what comes out beyond
-    means nothing; not for "hierarchical", whose knots span the clip); ``throw``: whether not coming
-    to rest in them is an error (else look at ``converged`` of the report).
+    **Arguments:** ``motion``: one clip, T frames, J joints; ``contacts``: T frames, C points, C = 0
+    allowed, targets in the motion's unit; ``joint_limits``: of all J joints, radians; ``floor``: a
+    height, file unit, no contact point shall be below; ``weights``: :class:`Weights`; ``ramp``:
+    seconds over which a contact's pull comes and goes, before and after it (the module says why
+    none by default); ``method``: the module's three ways; ``tolerance``: radians, the iteration
+    stops after a step shorter than that; ``max_steps``: 64 by default, and 2000 of L-BFGS-B for
+    "bounds"; ``length``: number of frames that count, the first ones, for padded clips (what comes
+    out beyond means nothing; not for "hierarchical", whose knots span the clip); ``throw``: whether
+    not coming to rest in them is an error (else look at ``converged`` of the report).
     **Returns:** the motion (joints that nothing is asked of bit for bit as they were) and a
     :class:`Report`. Differentiable in motion, targets, limits, floor and weights, in both modes,
     but for "bounds", whose differentiation is an error.
@@ -156,15 +157,7 @@ def satisfy(
     Source: Gleicher 1998; Lee and Shin 1999 for "hierarchical"; Byrd et al. 1995 for "bounds".
     """
     one_of("satisfy: method", method, _STEPS)
-    if motion.rotations.ndim != 3:
-        raise ValueError(
-            f"satisfy: rotations have shape {motion.rotations.shape}; expected (T, J, 4); "
-            "map over batches with jax.vmap"
-        )
-    if contacts.num_frames != motion.num_frames:
-        raise ValueError(
-            f"satisfy: contacts have {contacts.num_frames} frames, the motion {motion.num_frames}"
-        )
+    check_frames(motion, contacts, "satisfy")
     if bad := [j for j in contacts.joints if j >= motion.num_joints]:
         raise ValueError(
             f"satisfy: contacts name joint {bad[0]}; the motion has {motion.num_joints} joints"
@@ -179,7 +172,8 @@ def satisfy(
         if method == "hierarchical":
             raise ValueError('satisfy: method="hierarchical" takes no length; cut the clip instead')
         count, motion = counted("satisfy: length", length, motion.num_frames, motion)
-    elif method == "gauss_newton":
+    finite_clip("satisfy", motion, length=count)
+    if length is None and method == "gauss_newton":
         room, motion, contacts = with_room(motion, contacts, joint_limits, floor, weights, ramp)
         count = None if room.length is None else jnp.asarray(room.length, jnp.int32)
     dtype = motion.dtype

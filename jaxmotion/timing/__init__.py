@@ -4,8 +4,9 @@ Its modules are the library's own; ``accumulate``, ``antidiagonals``, ``spline``
 and ``time_maps`` hold nothing that is public.
 """
 
-from jaxmotion.frames.padding import bucket_size, pad_to_bucket
+from jaxmotion.frames.padding import bucket_size
 from jaxmotion.timing.align import Alignment, align
+from jaxmotion.timing.buckets import pad_to_bucket
 from jaxmotion.timing.dtw import WarpPath, dtw
 from jaxmotion.timing.frame_distance import frame_distance
 from jaxmotion.timing.motion_warping import MotionWarp, motion_warping, unwarp

@@ -28,6 +28,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._checks import known, one_of, require, static
+from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_sqrt
 from jaxmotion._portable import Portable
 from jaxmotion._summary import brief
@@ -77,15 +78,18 @@ def align(
     O(T_x T_y J). The pairing is discrete: derivatives reach the copy through the poses that are
     read, not through the times.
 
-    **Arguments:** ``source``, ``reference``: clips of one dtype with at least one joint name in
-    common; ``method``: "dtw", or "warping" for the same action in another style; ``step_pattern``,
-    ``window``: of :func:`dtw`, not with "warping"; ``settle``: m ≥ 0, frames of the reference over
-    which the source times are smoothed, 0 for the pairing as it is.
+    **Arguments:** ``source``, ``reference``: single clips of one dtype with at least one joint name
+    in common; ``method``: "dtw", or "warping" for the same action in another style;
+    ``step_pattern``, ``window``: of :func:`dtw`, not with "warping"; ``settle``: m ≥ 0, frames of
+    the reference over which the source times are smoothed, 0 for the pairing as it is.
     **Returns:** :class:`Alignment`.
-    **Raises:** ``ValueError`` for another method or step pattern, either of ``step_pattern`` and
-    ``window`` with "warping", two dtypes, no common joints, a negative ``settle``, or a step
-    pattern and window that leave no path; at run time for the last two when traced.
+    **Raises:** ``ValueError`` for what is not one clip of finite numbers, another method or step
+    pattern, either of ``step_pattern`` and ``window`` with "warping", two dtypes, no common joints,
+    a negative ``settle``, or a step pattern and window that leave no path; at run time for the last
+    two when traced.
     """
+    finite_clip("align", source, "source")
+    finite_clip("align", reference, "reference")
     one_of("align: method", method, ("dtw", "warping"))
     if method == "warping" and (step_pattern != "symmetric" or window is not None):
         raise ValueError("align: method='warping' takes no step_pattern= and no window=")

@@ -31,8 +31,9 @@ from jaxmotion._checks import one_of, static
 from jaxmotion._portable import Portable
 from jaxmotion._types import ArrayLike, Metric, ScalarLike
 from jaxmotion.frames.count import frame_mask
+from jaxmotion.motion import Motion
 from jaxmotion.timing.accumulate import accumulator, choice_radix
-from jaxmotion.timing.frame_distance import counted_pair, last_frames, local_cost
+from jaxmotion.timing.frame_distance import compared, counted_pair, last_frames, local_cost
 from jaxmotion.timing.step_patterns import StepPattern, step_pattern_named
 
 
@@ -56,11 +57,11 @@ class WarpPath(Portable):
 
 @static("window", "open_end", "min_matched")
 def dtw(
-    x: ArrayLike | None = None,
-    y: ArrayLike | None = None,
+    x: ArrayLike | Motion | None = None,
+    y: ArrayLike | Motion | None = None,
     *,
     cost: ArrayLike | None = None,
-    metric: Metric = "euclidean",
+    metric: Metric | None = None,
     step_pattern: str = "symmetric",
     window: int | None = None,
     open_end: bool | str = False,
@@ -76,10 +77,11 @@ def dtw(
 
     **Arguments:**
 
-    - ``x``: features f[n, f], or local rotations f[n, J, 4] with ``metric="pose"``.
-    - ``y``: features f[m, f] or rotations f[m, J, 4].
+    - ``x``: features f[n, f], or local rotations f[n, J, 4] with ``metric="pose"``, or a motion.
+    - ``y``: features f[m, f] or rotations f[m, J, 4], or a motion of the same joints.
     - ``cost``: f[n, m], a cost matrix instead of x and y.
-    - ``metric``: distance of two frames; see :func:`frame_distance`.
+    - ``metric``: distance of two frames; see :func:`frame_distance`. By default "pose" of motions,
+      whose rotations are compared, and "euclidean" of arrays.
     - ``step_pattern``: "symmetric", "symmetric2", "asymmetric", "slope1", "slope2" or "slope3"
       (:mod:`jaxmotion.timing.step_patterns`).
     - ``window``: radius in frames of a Sakoe-Chiba band; with clips of different length the band is
@@ -100,7 +102,8 @@ def dtw(
     that are not those of frames there are.
     """
     pattern = step_pattern_named(step_pattern)
-    (x, y, cost), n, m = counted_pair("dtw", x, y, cost, x_length, y_length)
+    x, y, metric = compared("dtw", x, y, metric, "euclidean")
+    (x, y, cost), n, m = counted_pair("dtw", x, y, cost, x_length, y_length)  # type: ignore
     return _dtw(x, y, cost, n, m, metric, pattern, window, open_end, min_matched, normalize)
 
 

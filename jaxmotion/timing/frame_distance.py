@@ -13,6 +13,8 @@ agreeing frames that decide a warp. Sharp bit: the Euclidean distance has a kink
 its gradient is zero there.
 """
 
+from typing import Any, TypeAlias
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,16 +22,19 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import counted, one_of
+from jaxmotion._checks import counted, no_module, one_of
 from jaxmotion._numerics import safe_sqrt
 from jaxmotion._types import ArrayLike, Metric, ScalarLike
-from jaxmotion.timing.pose_distance import pose_distance
+from jaxmotion.motion import Motion
+from jaxmotion.timing.pose_distance import pose_distance, rotations_of
+
+Given: TypeAlias = ArrayLike | Motion | None
 
 _FEATURES_AT_ONCE = 32  # unrolled into one fused pass over the (n, m) accumulator
 
 
 def frame_distance(
-    x: ArrayLike, y: ArrayLike, metric: Metric = "euclidean"
+    x: ArrayLike | Motion, y: ArrayLike | Motion, metric: Metric | None = None
 ) -> Float[Array, "frames_x frames_y"]:
     """All distances between the frames of two clips.
 
@@ -37,12 +42,16 @@ def frame_distance(
     frames agree, and the gradient 0 there.
 
     **Arguments:** ``x``: features f[n, f], or local rotations f[n, J, 4] with ``metric="pose"``;
-    ``y``: features f[m, f], or local rotations f[m, J, 4]; ``metric``: "euclidean", "sqeuclidean",
-    "pose" (:func:`pose_distance`), or a function from (x, y) to f[n, m], for example
-    ``functools.partial(pose_distance, trim=3)``.
+    ``y``: features f[m, f], or local rotations f[m, J, 4]; or both of them motions, single clips of
+    the same joints, whose rotations are compared; ``metric``: "euclidean", "sqeuclidean", "pose"
+    (:func:`pose_distance`), or a function from (x, y) to f[n, m], for example
+    ``functools.partial(pose_distance, trim=3)``; by default "pose" of motions and "euclidean" of
+    arrays.
     **Returns:** f[n, m], in the features' unit, squared for "sqeuclidean".
-    **Raises:** ``ValueError`` for shapes that do not fit, or an unknown metric.
+    **Raises:** ``ValueError`` for shapes and motions that do not fit, an unknown metric, or one of
+    features for motions.
     """
+    x, y, metric = compared("frame_distance", x, y, metric, "euclidean")
     x, y = jnp.asarray(x), jnp.asarray(y)
     if callable(metric):
         return metric(x, y)
@@ -58,6 +67,23 @@ def frame_distance(
     if metric == "sqeuclidean":
         return squared
     return safe_sqrt(squared)
+
+
+def compared(
+    caller: str, x: Given, y: Given, metric: Metric | None, default: Metric
+) -> tuple[Any, Any, Metric]:
+    """What is compared, of two motions their rotations, and by which metric: by default "pose" of
+    motions, ``default`` of arrays."""
+    if not isinstance(x, Motion) and not isinstance(y, Motion):
+        for name, value in (("x", x), ("y", y)):
+            no_module(f"{caller}: {name}", value)
+        return x, y, default if metric is None else metric
+    if metric in ("euclidean", "sqeuclidean"):
+        raise ValueError(
+            f"{caller}: metric={metric!r} compares features f[frames, features], not motions; "
+            "expected 'pose', a function of their rotations, or arrays"
+        )
+    return *rotations_of(caller, x, y), "pose" if metric is None else metric  # type: ignore
 
 
 def local_cost(

@@ -41,7 +41,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import fault, known, raise_faults, static
+from jaxmotion._checks import fault, known, no_module, raise_faults, static
 from jaxmotion._portable import Portable
 from jaxmotion._summary import brief, some
 from jaxmotion._types import AnyArray, ScalarLike
@@ -137,6 +137,8 @@ def motion_warping(
     smoothness outside of what the dtype can solve, no iterations, a negative ``tolerance``, or
     clips that are not finite; at run time for the last two when traced, and as ``throw`` says.
     """
+    for name, value in (("source", source), ("reference", reference)):
+        no_module(f"motion_warping: {name}", value, "jaxmotion.timing.align takes motions")
     finite = [(abs(known(x)) < np.inf).all() for x in (source, reference)]
     source, reference = jnp.asarray(source), jnp.asarray(reference)
     num_source, num_reference = source.shape[0], reference.shape[0]
@@ -234,6 +236,7 @@ def unwarp(
     **Raises:** ``ValueError`` for a length that is not the warp's, or rotations that are no
     quaternions or come with a warp per channel.
     """
+    no_module("unwarp: warped", warped)
     warped = jnp.asarray(warped)
     if warped.shape[0] != warp.num_refined:
         raise ValueError(

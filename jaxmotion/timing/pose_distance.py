@@ -23,25 +23,30 @@ from jax import lax
 from jaxtyping import Array, Float
 from numpy.polynomial import Chebyshev, Polynomial
 
-from jaxmotion._checks import static
+from jaxmotion._checks import instance_of, no_module, static
+from jaxmotion._entry import finite_clip
 from jaxmotion._types import ArrayLike
+from jaxmotion.motion import Motion
 
 
 @static("trim")
 def pose_distance(
-    x: ArrayLike, y: ArrayLike, *, trim: int = 0, weights: ArrayLike | None = None
+    x: ArrayLike | Motion, y: ArrayLike | Motion, *, trim: int = 0, weights: ArrayLike | None = None
 ) -> Float[Array, "frames_x frames_y"]:
     """Trimmed sum of squared joint rotations between all frames of two clips.
 
     O(n m J). Differentiable in both modes. Source: Aristidou et al. 2018, eq. 1 and §5.
 
     **Arguments:** ``x``: local rotations f[n, J, 4], unit quaternions, whose signs do not matter;
-    ``y``: local rotations f[m, J, 4]; ``trim``: how many of the largest joint terms to leave out,
-    per pair of frames; ``weights``: f[J], one factor per joint, applied before trimming; 1 when
-    omitted.
+    ``y``: local rotations f[m, J, 4]; or both of them motions, single clips of the same joints,
+    whose rotations are compared, the root's too; ``trim``: how many of the largest joint terms to
+    leave out, per pair of frames; ``weights``: f[J], one factor per joint, applied before trimming;
+    1 when omitted.
     **Returns:** f[n, m], squared half-angle radians.
-    **Raises:** ``ValueError`` for shapes that do not fit, or ``trim`` outside 0 … J − 1.
+    **Raises:** ``ValueError`` for shapes and motions that do not fit, or ``trim`` outside
+    0 … J − 1.
     """
+    x, y = rotations_of("pose_distance", x, y)
     x, y = jnp.asarray(x), jnp.asarray(y)
     if x.ndim != 3 or y.ndim != 3 or x.shape[1:] != y.shape[1:] or x.shape[2] != 4:
         raise ValueError(
@@ -54,6 +59,25 @@ def pose_distance(
     if w.shape != (joints,):
         raise ValueError(f"weights has shape {w.shape}; want ({joints},)")
     return _all_pairs(x, y, w, trim)
+
+
+def rotations_of(
+    caller: str, x: ArrayLike | Motion, y: ArrayLike | Motion
+) -> tuple[ArrayLike, ArrayLike]:
+    """The rotations of two motions of the same joints; two arrays as they are."""
+    if not isinstance(x, Motion) and not isinstance(y, Motion):
+        for name, value in (("x", x), ("y", y)):
+            no_module(f"{caller}: {name}", value)
+        return x, y
+    for name, value in (("x", x), ("y", y)):
+        instance_of(f"{caller}: {name}", value, Motion, "two motions or two arrays")
+        finite_clip(caller, value, name)  # type: ignore[arg-type]
+    if x.skeleton.names != y.skeleton.names or x.dtype != y.dtype:  # type: ignore[union-attr]
+        raise ValueError(
+            f"{caller}: the motions have different joints or dtypes; expected the same joints, or "
+            "pass the rotations of those to compare"
+        )
+    return x.rotations, y.rotations  # type: ignore[union-attr]
 
 
 @partial(jax.jit, static_argnames="trim")

@@ -38,6 +38,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._checks import known, one_of, require, static, traced
+from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_norm
 from jaxmotion._program import one_program
 from jaxmotion._room import Room, room_for
@@ -96,9 +97,9 @@ def resample(
     - ``signs``: "min_energy", "nearest" or the "input"'s own (no matter to "slerp").
 
     **Returns:** a motion of N frames with its frame time.
-    **Raises:** ``ValueError`` for unknown choices, arguments that do not fit together, a batch, an
-    ``index`` that does not increase or a negative ``smoothing``; at run time for the last two when
-    traced.
+    **Raises:** ``ValueError`` for what is not one clip of finite numbers, unknown choices,
+    arguments that do not fit together, an ``index`` that does not increase or a negative
+    ``smoothing``; at run time for the last two when traced.
 
     **Example:**
 
@@ -108,6 +109,7 @@ def resample(
         >>> round(float(motion.fps)), round(float(finer.fps)), len(finer)
         (60, 120, 31)
     """
+    finite_clip("resample", motion)
     _check_choice(method, signs, fps, num_frames)
     if index is not None:
         reading = _reading_of_keys(index, motion.num_frames, num_frames, motion.dtype)
@@ -174,11 +176,6 @@ def read_motion(
 ) -> Motion:
     """A motion read where ``reading`` says, as a clip of ``frame_time``; what :func:`resample` and
     time warps end in, options as there."""
-    if motion.rotations.ndim != 3:
-        raise ValueError(
-            f"rotations have shape {motion.rotations.shape}; expected one clip, (T, J, 4) "
-            "(use jax.vmap for many)"
-        )
     if np.shape(smoothing) not in ((), (motion.num_joints,)):
         raise ValueError(
             f"smoothing has shape {np.shape(smoothing)}; expected a scalar or "

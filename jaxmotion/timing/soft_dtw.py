@@ -46,8 +46,9 @@ from jaxtyping import Array, Float
 
 from jaxmotion._checks import known, require, traced
 from jaxmotion._types import ArrayLike, Metric, ScalarLike
+from jaxmotion.motion import Motion
 from jaxmotion.timing.antidiagonals import entering, in_strips, skew, unskew
-from jaxmotion.timing.frame_distance import counted_pair, last_frames, local_cost
+from jaxmotion.timing.frame_distance import compared, counted_pair, last_frames, local_cost
 
 # With 1000 x 1000 cells in float64, costs, shares and one strip at work then stay below 32 MB. What
 # is larger, glibc hands back after each call, and the next one pays for every page again.
@@ -55,12 +56,12 @@ _MOST_ROWS = 125
 
 
 def soft_dtw(
-    x: ArrayLike | None = None,
-    y: ArrayLike | None = None,
+    x: ArrayLike | Motion | None = None,
+    y: ArrayLike | Motion | None = None,
     gamma: ScalarLike = 1.0,
     *,
     cost: ArrayLike | None = None,
-    metric: Metric = "sqeuclidean",
+    metric: Metric | None = None,
     x_length: ScalarLike | None = None,
     y_length: ScalarLike | None = None,
 ) -> Float[Array, ""]:
@@ -71,12 +72,13 @@ def soft_dtw(
 
     **Arguments:**
 
-    - ``x``: features f[n, f], or local rotations f[n, J, 4] with ``metric="pose"``.
-    - ``y``: features f[m, f] or rotations f[m, J, 4].
+    - ``x``: features f[n, f], or local rotations f[n, J, 4] with ``metric="pose"``, or a motion.
+    - ``y``: features f[m, f] or rotations f[m, J, 4], or a motion of the same joints.
     - ``gamma``: temperature > 0, in the unit of the cost. As small as the dtype has, the value is
       that of :func:`dtw`.
     - ``cost``: f[n, m], a cost matrix instead of x and y.
-    - ``metric``: distance of two frames; see :func:`frame_distance`.
+    - ``metric``: distance of two frames; see :func:`frame_distance`. By default "pose" of motions,
+      whose rotations are compared, and "sqeuclidean" of arrays.
     - ``x_length``, ``y_length``: frames of x and y that count when they are padded
       (:func:`pad_to_bucket`); may be traced.
 
@@ -88,12 +90,12 @@ def soft_dtw(
 
 
 def soft_alignment(
-    x: ArrayLike | None = None,
-    y: ArrayLike | None = None,
+    x: ArrayLike | Motion | None = None,
+    y: ArrayLike | Motion | None = None,
     gamma: ScalarLike = 1.0,
     *,
     cost: ArrayLike | None = None,
-    metric: Metric = "sqeuclidean",
+    metric: Metric | None = None,
     x_length: ScalarLike | None = None,
     y_length: ScalarLike | None = None,
 ) -> Float[Array, "frames_x frames_y"]:
@@ -111,6 +113,7 @@ def soft_alignment(
 
 
 def _compiled(caller, function, x, y, gamma, cost, metric, x_length, y_length):
+    x, y, metric = compared(caller, x, y, metric, "sqeuclidean")
     clips, n, m = counted_pair(caller, x, y, cost, x_length, y_length)
     given = jnp.asarray(gamma)
     message = f"{caller}: gamma must be a temperature above 0"

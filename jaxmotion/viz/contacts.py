@@ -18,7 +18,7 @@ def plot_contacts(motion: Motion, contacts: Contacts) -> "Figure":
 
     Heights are in the file's unit, times in seconds; the points share their axes.
 
-    **Arguments:** ``motion``: T frames; ``contacts``: of T frames.
+    **Arguments:** ``motion``: one clip, T frames; ``contacts``: of T frames.
     **Returns:** a Matplotlib figure of its own (``figure.savefig("contacts.png")``), outside
     pyplot, with one row a point (one empty row if there are none); notebooks show it.
     **Raises:** ``ValueError`` for contacts of another number of frames; ``ImportError`` without
@@ -26,7 +26,7 @@ def plot_contacts(motion: Motion, contacts: Contacts) -> "Figure":
     """
     from jaxmotion.viz.picture import Picture
 
-    check_frames(motion, contacts, "plot_contacts")
+    check_frames(motion, contacts, "plot_contacts", on_host=True)
     seconds = float(motion.frame_time)
     up = motion.skeleton.up_axis
     heights = np.asarray(contacts.points.positions(motion))[..., up]

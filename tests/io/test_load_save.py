@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
+from jaxmotion._plain import quoted
 from jaxmotion.io import MotionFileError
 from jaxmotion.io.atomic import atomic_write
-from jaxmotion.io.errors import quoted
 from tests.helpers import random_motion, random_skeleton, single_precision
 
 

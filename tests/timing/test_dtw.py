@@ -22,6 +22,7 @@ from jaxmotion.timing import (
     soft_alignment,
     soft_dtw,
 )
+from tests.helpers import no_shape_checks, random_motion, random_skeleton
 
 align = jax.jit(dtw, static_argnames=("window", "step_pattern", "metric"))
 
@@ -533,3 +534,47 @@ def test_either_open_end_may_ask_for_as_many_frames_as_the_longer_clip_has():
     for open_end, most in (("either", 9), (True, 5)):
         with pytest.raises(ValueError, match=rf"dtw: min_matched=10; want 1 \.\.\. {most}"):
             dtw(cost=cost, open_end=open_end, min_matched=10)
+
+
+def test_two_motions_are_compared_by_their_poses():
+    rng = np.random.default_rng(7)
+    skeleton = random_skeleton(rng, 4)
+    x, y = (random_motion(rng, frames, skeleton) for frames in (9, 6))
+    between = pose_distance(x.rotations, y.rotations)
+    np.testing.assert_array_equal(pose_distance(x, y), between)
+    np.testing.assert_array_equal(frame_distance(x, y), between)
+    assert dtw(x, y).cost == dtw(cost=between).cost
+    assert soft_dtw(x, y, 0.1) == soft_dtw(cost=between, gamma=0.1)
+    np.testing.assert_array_equal(soft_alignment(x, y), soft_alignment(cost=between))
+    trimmed = partial(pose_distance, trim=1)
+    assert dtw(x, y, metric=trimmed).cost == dtw(cost=trimmed(x, y)).cost
+    padded, n = pad_to_bucket(x)
+    assert (len(padded), n) == (16, 9)
+    np.testing.assert_array_equal(padded.rotations[8:], np.tile(x.rotations[8:], (8, 1, 1)))
+    np.testing.assert_array_equal(padded.translations[:9], x.translations)
+    assert dtw(padded, y, x_length=n).cost == dtw(x, y).cost
+
+
+def test_motions_that_cannot_be_compared():
+    rng = np.random.default_rng(8)
+    x, other = random_motion(rng, 3, 4), random_motion(rng, 3, 5)
+    calls = {
+        "dtw": dtw,
+        "soft_dtw": soft_dtw,
+        "soft_alignment": soft_alignment,
+        "frame_distance": frame_distance,
+    }
+    for name, f in calls.items():
+        with pytest.raises(ValueError, match=rf"^{name}: metric='euclidean' .* expected 'pose'"):
+            f(x, x, metric="euclidean")
+    calls["pose_distance"] = pose_distance
+    batch = jax.tree.map(lambda x: x[None], x)
+    for name, f in calls.items():
+        for wrong, message in (
+            (x.rotations, r"y is an array of shape \(3, 4, 4\); expected two motions or two"),
+            (other, "the motions have different joints or dtypes"),
+            (x.astype(np.float32), "the motions have different joints or dtypes"),
+            (batch, r"one clip at a time for y, got batch axes \(1,\); use jax.vmap"),
+        ):
+            with no_shape_checks(), pytest.raises(ValueError, match=f"^{name}: {message}"):
+                f(x, wrong)
