@@ -112,10 +112,9 @@ def time_warp(
     count = program_size(num_frames)
     at = known(_source_times(knots, places, step, ease_in, ease_out, duration, count))[:num_frames]
     reading = even_reading(at, frames, dtype)
-    retimed = read_motion(
+    result = retimed = read_motion(
         motion, reading, motion.frame_time, method=method, smoothing=smoothing, signs=signs
     )
-    result = retimed
     if alpha is not None or not isinstance(residual, (int, float)) or residual != 1:
         result = stylize(retimed, 1.0 if alpha is None else alpha, residual=residual)
     if keep_contacts is False:
