@@ -38,6 +38,7 @@ from jaxmotion import (
 from jaxmotion._asf_bone import AsfBone
 from jaxmotion.linalg.chain_covariance import State
 from jaxmotion.linalg.difference_chain import Gains, Information
+from jaxmotion.metrics import Findings
 from jaxmotion.skeleton import Conventions
 from jaxmotion.smoothing.design import Observations
 from jaxmotion.smoothing.geodesic_regression import _Problem
@@ -229,7 +230,8 @@ def example(name: str) -> Any:
 def result_types() -> dict[str, type]:
     """By name: what the rooms name in ``__all__``, and from there on what their functions, methods
     and properties are annotated to return, and what their public fields hold; without errors,
-    warnings, and the solvers, whose form is that of lineax and optimistix."""
+    warnings, the solvers, whose form is that of lineax and optimistix, and findings, a line a
+    kind."""
     waiting = [x for name in ["", *_rooms()] for x in _public(name)]
     found: dict[str, type] = {}
     while waiting:
@@ -278,4 +280,6 @@ def _classes(annotation) -> list[type]:
 
 def _is_result(cls: type) -> bool:
     solver = lineax.AbstractLinearSolver, optimistix.AbstractLeastSquaresSolver
-    return not issubclass(cls, (Exception, *solver)) and cls.__module__.startswith("jaxmotion")
+    return not issubclass(cls, (Exception, Findings, *solver)) and cls.__module__.startswith(
+        "jaxmotion"
+    )

@@ -59,6 +59,7 @@ def padded(
 _shared: ContextVar[bool] = ContextVar("jaxmotion buckets", default=True)
 
 
+@static("shared")
 @contextmanager
 def buckets(shared: bool) -> Iterator[None]:
     """Inside this ``with``, whether eager calls share compiled programs between clips of many

@@ -5,7 +5,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Array
 
-from jaxmotion._checks import no_module
+from jaxmotion._checks import no_module, static
 from jaxmotion._entry import one_clip
 from jaxmotion.frames.padding import padded
 from jaxmotion.motion import Motion
@@ -13,6 +13,7 @@ from jaxmotion.motion import Motion
 Clip = TypeVar("Clip", Array, np.ndarray, Motion)
 
 
+@static("size")
 def pad_to_bucket(clip: Clip, size: int | None = None) -> tuple[Clip, int]:
     """Repeat the last frame up to a clip's bucket.
 
