@@ -49,7 +49,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 _MODES = ("raise", "nan", "off")
-_INSIDE = ("jaxmotion", "equinox", "jaxtyping")
+_BETWEEN = ("equinox", "jaxtyping", "beartype")
+_INSIDE = ("jaxmotion", *_BETWEEN)
 _SHORTENED = (
     "float64 arrays become float32, as JAX has 64-bit types off; "
     "jax.config.update('jax_enable_x64', True), before anything else, keeps them"
@@ -199,6 +200,15 @@ def floating(caller: str, *, whole: bool = False, **arrays: Any) -> list[Any]:
                 warnings.warn(_SHORTENED, stacklevel=1)  # of one place: Python says it once
         checked.append(x)
     return checked
+
+
+def asked_from_inside(*modules: str) -> bool:
+    """Whether a constructor of ``modules`` was called by the library itself."""
+    frame, name = sys._getframe(1), __name__
+    while frame.f_back and (name in (__name__, *modules) or name.partition(".")[0] in _BETWEEN):
+        frame = frame.f_back
+        name = frame.f_globals.get("__name__", "")
+    return name.partition(".")[0] == "jaxmotion"
 
 
 def has_type(dtype: Any) -> bool:

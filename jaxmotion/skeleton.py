@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxmotion._asf_bone import AsfBone
-from jaxmotion._checks import floating, one_of
+from jaxmotion._checks import asked_from_inside, floating, one_of
 from jaxmotion._file_facts import file_fact
 from jaxmotion._plain import printable
 from jaxmotion._portable import Portable
@@ -126,7 +126,11 @@ class Skeleton(Portable):
         self.parents = tuple(int(p) for p in parents)
         self.end_joints = tuple(int(j) for j in end_joints)
         ends = offsets[..., :0, :] if end_offsets is None else end_offsets
-        self.offsets, self.end_offsets = floating("Skeleton", offsets=offsets, end_offsets=ends)
+        # Readers work in float64 whatever JAX has, and make it the caller's type at the end.
+        inside = asked_from_inside(__name__)
+        self.offsets, self.end_offsets = floating(
+            "Skeleton", whole=inside, offsets=offsets, end_offsets=ends
+        )
         self.end_labels = tuple(end_labels or ("End Site",) * len(self.end_joints))
         self.channels = tuple(tuple(c) for c in channels) if channels else self._default_channels()
         self.asf = tuple(asf)

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from jaxmotion import Motion
     from jaxmotion.contacts import Contacts
 
-_BLOCK = 512  # frames: contacts of nearly all clips are found by one compiled function
 _VISIBLE = 0.04  # of the leg's length a second: some 3 cm/s for a person
 
 
@@ -100,10 +99,10 @@ def in_blocks(motion: "Motion", length: int) -> "Motion":
     """The frames that count, padded to one of very few lengths, in NumPy arrays."""
     import numpy as np
 
-    from jaxmotion.frames.padding import bucket_size, padded
+    from jaxmotion.frames.padding import padded, program_size
 
     parts = (np.asarray(x)[:length] for x in (motion.translations, motion.rotations))
-    size = bucket_size(length, _BLOCK)
+    size = program_size(length)
     return motion.with_transforms(*(padded(part, size) for part in parts))  # type: ignore[arg-type]
 
 

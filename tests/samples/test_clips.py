@@ -1,9 +1,12 @@
 """Every clip: planted feet, the floor, rigid bones, smoothness, precision, bad arguments."""
 
+import warnings
+
 import jax
 import numpy as np
 import pytest
 
+import jaxmotion as jm
 from jaxmotion import samples
 from tests.helpers import single_precision, world_by_matrices
 
@@ -282,3 +285,14 @@ def test_errors_name_the_skeleton_and_the_pair_that_were_called():
     for options in ({"name": "moonwalk"}, {"rotation": -1.0}):
         with pytest.raises(ValueError, match=r"^clean_and_noisy: "):
             samples.clean_and_noisy(num_frames=9, **options)
+
+
+def test_single_precision_is_no_matter_of_warnings(tmp_path):
+    with single_precision(), warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for name in jm.samples.names():
+            motion = jm.samples.load(name, num_frames=8).motion
+            assert motion.dtype == motion.skeleton.offsets.dtype == np.float32
+        for suffix in (".bvh", ".npz", ".amc"):
+            jm.save(motion, tmp_path / f"clip{suffix}")
+            assert jm.load(tmp_path / f"clip{suffix}").dtype == np.float32
