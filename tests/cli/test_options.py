@@ -86,11 +86,11 @@ def test_missing_preset_and_bad_values(jaxmotion, take, tmp_path, edited):
 
 # What each command calls, and its options that are of no argument or of a part of one.
 CALLS = {
-    "align": ((timing.align,), {"path", "plot"}),
+    "align": ((timing.align,), {"path", "plot", "few-joints"}),
     "blend": ((multiresolution.blend,), set()),
     "contacts": ((contacts.detect,), {"json", "restore"}),
     "convert": ((save_bvh,), {"to"}),
-    "denoise": ((layers.denoise,), set()),
+    "denoise": ((layers.denoise,), {"keep-contacts"}),
     "layers": ((layers.decompose,), set()),
     "multires": (
         (
