@@ -110,7 +110,7 @@ def static(*names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
         places = [(name, parameters.index(name)) for name in names]
 
         @functools.wraps(function)
-        def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        def call(*args: Any, **kwargs: Any) -> R:
             for name, place in places:
                 value = args[place] if place < len(args) else kwargs.get(name)
                 if isinstance(value, Tracer):

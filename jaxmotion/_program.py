@@ -8,7 +8,7 @@ program it dissolves into its operations, as if it were not marked.
 import functools
 import inspect
 from collections.abc import Callable
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
 import jax
 
@@ -29,7 +29,7 @@ def one_program(*static: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
         names = tuple(inspect.signature(function).parameters)
 
         @functools.wraps(function)
-        def of_arrays(*args: P.args, **kwargs: P.kwargs) -> R:
+        def of_arrays(*args: Any, **kwargs: Any) -> R:
             for name, value in (*zip(names, args, strict=False), *kwargs.items()):
                 no_module(f"{function.__name__}: {name}", value)
             return function(*args, **kwargs)
