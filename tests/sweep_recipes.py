@@ -451,7 +451,9 @@ RECIPES = {
 EXCEPTIONS = {
     "axes.doubt_up": "a sentence about a concrete clip, in NumPy",
     "axes.guess_up": "an axis for a concrete clip, in NumPy",
+    "jaxmotion.buckets": "a setting",
     "jaxmotion.checks": "a setting",
+    "jaxmotion.enable_compilation_cache": "a setting",
     "io.save": "writes the file that the recipe of io.load reads",
     "kinematics.mirrored_pairs": "pairs of numbers, from names alone",
     "samples.names": "a list of names",
