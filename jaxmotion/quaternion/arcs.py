@@ -10,11 +10,10 @@ that do not exist, too.
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from jaxmotion._numerics import safe_norm
 from jaxmotion._program import one_program
-from jaxmotion._types import Quaternion, Vector3
+from jaxmotion._types import ArrayLike, Quaternion, Vector3
 from jaxmotion.quaternion.algebra import normalize
 
 
@@ -51,7 +50,7 @@ def unit(v: Vector3) -> Vector3:
 
 
 @one_program()
-def unit_across(v: Vector3, line: Vector3, noise: Float[Array, "..."] | float | int) -> Vector3:
+def unit_across(v: Vector3, line: Vector3, noise: ArrayLike) -> Vector3:
     """Unit vector along v's part perpendicular to the line; some perpendicular if that part is no
     longer than the noise."""
     v, along = jnp.asarray(v), unit(line)
