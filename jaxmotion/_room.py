@@ -18,7 +18,7 @@ import jax
 import numpy as np
 
 from jaxmotion.displacement import Displacement
-from jaxmotion.frames.padding import padded, program_size, shares_programs
+from jaxmotion.frames.padding import LONGEST, padded, program_size, shares_programs
 from jaxmotion.motion import Motion
 
 Clip = TypeVar("Clip")
@@ -56,9 +56,11 @@ class Room(NamedTuple):
         return Displacement(translations, rotations, clip.sense)
 
 
-def room_for(motion: Motion, *given: Any, length: Any = None) -> Room:
-    """Room for a motion, none where it or anything ``given`` is traced, a ``length`` is given, or
-    for one frame, which does not determine what comes after it."""
+def room_for(
+    motion: Motion, *given: Any, length: Any = None, longest: int | float = LONGEST
+) -> Room:
+    """Room for a motion of up to ``longest`` frames; none where it or anything ``given`` is traced,
+    a ``length`` is given, or for one frame, which does not determine what comes after it."""
     frames = motion.num_frames
-    shared = length is None and shares_programs(frames, motion, given)
+    shared = length is None and frames <= longest and shares_programs(frames, motion, given)
     return Room(frames, program_size(frames) if shared else 0)

@@ -1,7 +1,7 @@
 """Pad clips to a few sizes, so that one compiled function serves clips of many lengths.
 
     buckets    16, 24, 32, 48, 64, 96, 128, …    powers of two and the halves between: for yourself
-    programs   128, 512, 2048, 2176, …           then sixteen an octave: what eager calls use
+    programs   128, 512, 2048                    then the buckets: what eager calls use
 
 A clip ``(T, ...)`` is padded to the next size by repeating its last frame and travels with its
 true length T; functions that take ``length``, ``x_length`` and ``y_length`` ignore the rest,
@@ -9,7 +9,6 @@ exactly. From 16 frames on at most a third of a bucket is padding, and clips of 
 about 2 log₂(T/16) compilations; programs waste more of little work and compile less. Cost O(T).
 """
 
-import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -22,6 +21,7 @@ from jaxmotion._checks import static, traced
 from jaxmotion._types import AnyArray
 
 _SIZES = (128, 512, 2048)
+LONGEST = _SIZES[-1]  # frames that take less time than compiling
 
 
 @static("num_frames", "smallest")
@@ -65,9 +65,9 @@ def buckets(shared: bool) -> Iterator[None]:
     """Inside this ``with``, whether eager calls share compiled programs between clips of many
     lengths, as they do outside.
 
-    A call with a clip that is not traced pads it to 128, 512 or 2048 frames (longer ones by a
-    sixteenth at most), computes with ``length=``, and cuts the result: the same numbers to
-    rounding, and clips of up to 2048 frames need three compilations. Nothing is padded under your
+    A call with a clip that is not traced pads it to 128, 512 or 2048 frames, computes with
+    ``length=``, and cuts the result: the same numbers to rounding, and clips of up to 2048 frames
+    need three compilations. Longer ones have their own size, and nothing is padded under your
     own ``jax.jit``, or with ``length=`` given. A length that is computed over and over eagerly is
     computed faster at its own size.
 
@@ -91,11 +91,7 @@ def buckets(shared: bool) -> Iterator[None]:
 def program_size(frames: int) -> int:
     """The size at which an eager call computes a clip: compiling takes so much longer than a short
     clip that one of four times the length costs nothing beside it."""
-    for size in _SIZES:
-        if frames <= size:
-            return size
-    step = 2 ** (math.ceil(math.log2(frames)) - 5)
-    return -(-frames // step) * step
+    return next((size for size in _SIZES if frames <= size), bucket_size(frames))
 
 
 def shares_programs(frames: int, *given: Any) -> bool:

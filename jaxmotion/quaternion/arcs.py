@@ -59,5 +59,5 @@ def unit_across(v: Vector3, line: Vector3, noise: ArrayLike) -> Vector3:
     spare = spare - jnp.sum(spare * along, -1, keepdims=True) * along
     rest = v - jnp.sum(v * along, -1, keepdims=True) * along
     length = safe_norm(rest, keepdims=True)
-    usable = length > noise
+    usable = length > jnp.asarray(noise, v.dtype)
     return jnp.where(usable, rest / jnp.where(usable, length, 1), unit(spare))

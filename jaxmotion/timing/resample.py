@@ -189,7 +189,7 @@ def read_motion(
     smoothing = jnp.asarray(smoothing, motion.dtype)
     frames, wanted = motion.num_frames, reading.fraction.shape[0]
     moved = motion.translated_joints
-    room = room_for(motion, reading, smoothing)
+    room = room_for(motion, reading, smoothing, longest=np.inf)
     given, for_result = room.fill(motion), Room(wanted)
     if room.size:
         for_result = Room(wanted, program_size(wanted))
