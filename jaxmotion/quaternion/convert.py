@@ -14,8 +14,6 @@ Matrices act on column vectors, (..., 3, 3). The 6-D representation is the first
 [x; y], each of three (Zhou et al. 2019), orthonormalised by Gram–Schmidt. O(n).
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -231,7 +229,6 @@ def _wrap(angle):
     return angle - turn * jnp.round(angle / turn)
 
 
-@partial(jax.jit, static_argnames="proper")  # or eager calls would compile the scan every time
 def _nearest_to_previous(
     angles: Float[Array, "time ... 3"], lock: Float[Array, "time ..."], proper: bool
 ):

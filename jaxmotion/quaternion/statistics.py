@@ -125,7 +125,6 @@ def _chordal(samples: Quaternion, w: Float[Array, "n ..."]) -> Quaternion:
     return normalize(m + jnp.einsum("...ik,...k->...i", vectors, along))
 
 
-@jax.jit  # or every call outside of jit would compile the loop anew
 def _karcher(samples: Quaternion, w: Float[Array, "n ..."]) -> Quaternion:
     fixed, fixed_w = jax.lax.stop_gradient((samples, w))
 
@@ -163,7 +162,6 @@ def _newton_step(m: Quaternion, samples: Quaternion, w: Float[Array, "n ..."]):
     return jnp.linalg.solve(slope, jnp.sum(w[..., None] * v, 0)[..., None])[..., 0]
 
 
-@jax.jit
 def _recursive(samples: Quaternion, w: Float[Array, "n ..."]) -> Quaternion:
     seen = jnp.cumsum(w, 0)
     share = w / jnp.where(seen > 0, seen, 1.0)
