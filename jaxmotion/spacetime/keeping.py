@@ -20,6 +20,7 @@ from jaxtyping import Array
 from jaxmotion import spacetime
 from jaxmotion._checks import counted, static, traced, warn
 from jaxmotion._entry import finite_clip, one_clip
+from jaxmotion._file_facts import compiled
 from jaxmotion._room import Room
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, detect, fit_distances
@@ -125,9 +126,18 @@ def _restored(
     room = Room(motion.num_frames)
     if length is None:
         room, motion, contacts = with_room(motion, contacts, weights)
-    # Near the origin once for both steps, or far away the targets' rounding would come between.
-    origin = origin_of(motion)
-    start, aimed = motion_near(motion, origin), contacts_near(contacts, origin)
-    fitted = fit_distances(start, aimed)
+    start, fitted = _aimed(motion, contacts)
     answer, report = spacetime.satisfy(start, fitted, weights=weights, length=room.length or length)
-    return without_room(room, moved_as(motion, start, answer), report)
+    return without_room(room, _moved_as(motion, start, answer), report)
+
+
+@compiled
+def _aimed(motion: Motion, contacts: Contacts) -> tuple[Motion, Contacts]:
+    """The clip and targets that its feet can meet, near the origin once for both steps, or far away
+    the targets' rounding would come between."""
+    origin = origin_of(motion)
+    start = motion_near(motion, origin)
+    return start, fit_distances(start, contacts_near(contacts, origin))
+
+
+_moved_as = compiled(moved_as)
