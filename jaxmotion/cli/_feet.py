@@ -23,8 +23,8 @@ class Skate:
     """Mean speeds of points in contact, file unit a second.
 
     **Fields:** ``before``: in the original; ``edited``: in the edit; ``after``: in the result;
-    ``kept``: whether contacts were restored in it; ``metres``: the file's unit, ``None`` where it
-    is not told.
+    ``kept``: whether contacts were restored in it, ``contacts`` how many, and ``root`` the furthest
+    that this moved the root, file unit; ``metres``: the file's unit, ``None`` where it is not told.
     """
 
     before: float
@@ -32,12 +32,14 @@ class Skate:
     after: float
     kept: bool
     metres: float | None
+    contacts: int = 0
+    root: float = 0.0
 
     def __str__(self) -> str:
         scale, unit = (1.0, " a second") if self.metres is None else (100 * self.metres, " cm/s")
         speeds = (self.before, self.after, self.edited)
         before, after, edited = (f"{scale * speed:.3g}" for speed in speeds)
-        kept = f" (contacts kept; else {edited})" if self.kept else ""
+        kept = f" (contacts kept; else {edited})" if self.kept and edited != before else ""
         return f"feet slid at {before}, now {after}{unit}{kept}"
 
 
@@ -48,23 +50,35 @@ def find_feet(motion: "Motion", length: int) -> "Contacts":
     return detect(motion, length=length)
 
 
+def keep_contacts(
+    edited: "Motion", original: "Motion", contacts: "Contacts", length: int
+) -> "Motion":
+    """The library's: the contacts of the original in an edit of it."""
+    from jaxmotion import spacetime
+
+    return spacetime.keep_contacts(edited, original, contacts, length=length)
+
+
 def with_contacts(
     original: "Motion",
     edited: "Motion",
     length: int,
     keep: bool | None,
     find: "Callable[[Motion, int], Contacts]" = find_feet,
+    *,
+    restore: "Callable[[Motion, Motion, Contacts, int], Motion]" = keep_contacts,
+    within: "Callable[[Motion], Motion] | None" = None,
 ) -> "tuple[Motion, Skate | None]":
     """The edit, with the original's contacts if they are to be kept, and how feet slide, ``None``
     if none touch.
 
     **Arguments:** ``original``, ``edited``: padded clips of one shape, of which the first
     ``length`` frames count; ``keep``: ``None`` to keep contacts that slide visibly more; ``find``:
-    finds them.
+    finds them; ``restore(edited, original, contacts, length)`` has them stand still; ``within``:
+    leaves of what that changed what is wanted.
     """
     import numpy as np
 
-    from jaxmotion import spacetime
     from jaxmotion.metrics import foot_skate
 
     block = in_blocks(original, length)
@@ -80,10 +94,20 @@ def with_contacts(
         keep = plain > before + _VISIBLE * _leg(original, contacts)
     if not keep:
         return edited, Skate(before, plain, plain, False, metres)
-    own = for_frames(contacts, edited)
-    kept = spacetime.keep_contacts(edited, original, own, length=length)
+    kept = restore(edited, original, for_frames(contacts, edited), length)
+    kept = kept if within is None else within(kept)
     after = foot_skate(in_blocks(kept, length), contacts)
-    return kept, Skate(before, plain, after, True, metres)
+    roots = (np.asarray(clip.translations)[:length, 0] for clip in (edited, kept))
+    moved = np.linalg.norm(np.subtract(*roots), axis=-1).max()
+    return kept, Skate(before, plain, after, True, metres, _count(contacts), float(moved))
+
+
+def _count(contacts: "Contacts") -> int:
+    """How often a point comes to touch."""
+    import numpy as np
+
+    mask = np.asarray(contacts.mask)
+    return int(mask[0].sum() + (mask[1:] & ~mask[:-1]).sum())
 
 
 def _leg(motion: "Motion", contacts: "Contacts") -> float:

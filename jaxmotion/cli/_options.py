@@ -27,7 +27,7 @@ NOWHERE = Path(os.devnull)
 
 # Options that say how to go about it, not what comes out.
 _MANNERS = {"out", "overwrite", "resume", "dry-run", "jobs", "fail-fast", "report", "no-cache"}
-_MANNERS |= {"debug"}
+_MANNERS |= {"debug", "path", "plot"}
 
 
 @dataclass(frozen=True)
@@ -201,6 +201,23 @@ def out_up_option(function: Callable) -> Callable:
     )(function)
 
 
+def report_option(function: Callable) -> Callable:
+    """``--report``."""
+    return click.option(
+        "--report",
+        type=click.Path(dir_okay=False, path_type=Path),
+        callback=_report_suffix,
+        help="Write a record of the run to an .html or .json file: options, versions, hashes, what "
+        "changed in every file, what was learned of it. Also if the run fails or is interrupted.",
+    )(function)
+
+
+def reading_report_options(function: Callable) -> Callable:
+    """``--report --overwrite``, for commands that write nothing else."""
+    overwrite = click.option("--overwrite", is_flag=True, help="Replace a report that exists.")
+    return report_option(overwrite(function))
+
+
 def batch_options(function: Callable | None = None, *, out_required: bool = True) -> Callable:
     """FILES, ``-o`` and how to go through them; the command is given ``batch``, whose ``out`` is
     ``NOWHERE`` when ``-o`` may be left out and was."""
@@ -230,12 +247,7 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
         "-j", "--jobs", type=click.IntRange(1), default=1, show_default=True, help="Processes."
     )
     @click.option("--fail-fast", is_flag=True, help="Stop at the first file that fails.")
-    @click.option(
-        "--report",
-        type=click.Path(dir_okay=False, path_type=Path),
-        callback=_report_suffix,
-        help="Write what changed in every file, to an .html or .json file.",
-    )
+    @report_option
     @functools.wraps(function)
     def command(*args, **values):
         values["out"] = values["out"] or NOWHERE
@@ -314,6 +326,7 @@ def _report_suffix(ctx: click.Context, param: click.Parameter, value: Path | Non
 def _load_preset(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
     if value is None:
         return
+    ctx.meta["jaxmotion.preset"] = str(value)
     if kind := irregular(value):
         raise click.BadParameter(f"{value} is {kind}, not a file")
     try:

@@ -16,6 +16,7 @@ from jaxmotion.cli._options import (
     selection_options,
 )
 from jaxmotion.cli._terminal import Notice
+from jaxmotion.cli._work import Edited
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -93,7 +94,7 @@ def edit(
     gains: tuple[float, ...] | None,
     level: float | None,
     levels: int | None,
-) -> "Motion":
+) -> Edited:
     """The library's gains or level of detail on a padded clip, with no more levels than it has: the
     finest, which are as fine in a short clip as in a long one."""
     import numpy as np
@@ -114,9 +115,10 @@ def edit(
         warnings.warn(text, Notice, stacklevel=2)
     pyramid = build_pyramid(motion, number, length=length)
     if gains is not None:
-        kept = np.asarray(gains)[len(gains) - number :]
-        return scale_details(pyramid, kept)
-    return level_of_detail(pyramid, level or 0.0)
+        edited = scale_details(pyramid, np.asarray(gains)[len(gains) - number :])
+    else:
+        edited = level_of_detail(pyramid, level or 0.0)
+    return Edited(edited, lambda: {"levels": number})
 
 
 def _counted(number: int, thing: str) -> str:

@@ -11,6 +11,7 @@ from jaxmotion.cli._options import Batch, Running, batch_options, running_option
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
+    from jaxmotion.cli._work import Effect
 
 _POSITIVE = click.FloatRange(min=0, min_open=True)
 _SECONDS = click.FloatRange(min=0)
@@ -122,13 +123,14 @@ def command(
     run(partial(_retime, batch, timing), jobs, batch, running)
 
 
-def _retime(batch: Batch, timing: Timing, job: Job) -> str:
-    from jaxmotion.cli._work import finite, read, write
+def _retime(batch: Batch, timing: Timing, job: Job) -> "Effect":
+    from jaxmotion.cli._work import Clip, Effect, finite, read, write
 
     before = read(job.source, batch.reading)
     after = finite(edit(before, timing))
     write(after, job.target, overwrite=batch.overwrite, up=batch.out_up)
-    return f"{_length(before)} to {_length(after)}"
+    message = f"{_length(before)} to {_length(after)}"
+    return Effect((Clip.of(before),), Clip.of(after), message)
 
 
 def edit(motion: "Motion", timing: Timing) -> "Motion":

@@ -75,9 +75,16 @@ def test_style_keeps_contacts_where_feet_would_slide_more(jaxmotion, file, tmp_p
     assert after < 0.1 * slid
     assert f"slid at {before:.3g}, now {after:.3g} cm/s (contacts kept; else {slid:.3g})" in told
     [row] = json.loads(report.read_text())["files"]
-    assert row["contacts_kept"] is True
-    assert 100 * row["skate_before"] == pytest.approx(before, rel=1e-6)
-    assert 100 * row["skate_after"] == pytest.approx(after, rel=1e-6)
+    feet = row["feet"]
+    assert feet["contacts_restored"] == len(jm.contacts.intervals(found))
+    figures = [feet[f"slide_{when}"] for when in ("before", "edited", "after")]
+    np.testing.assert_allclose(100 * np.array(figures), [before, slid, after], rtol=1e-6)
+    assert row["unit"] == 1.0
+    edited, result = jm.load(plain), jm.load(kept)
+    moved = np.linalg.norm(result.root_positions - edited.root_positions, axis=-1).max()
+    assert feet["root_move"] == pytest.approx(moved, rel=1e-6)
+    root = np.linalg.norm(result.root_positions - skating.root_positions, axis=-1)
+    assert row["changes"]["root"]["mean"] == pytest.approx(root.mean(), rel=1e-6)
 
 
 def test_contacts_are_kept_inside_of_the_selection_only(jaxmotion, file, tmp_path, skating):
