@@ -26,11 +26,13 @@ def of_noise(motion: "Motion", length: int, tuning: "MotionTuning | None") -> "L
     if tuning is None:
         return {}
     rotations = np.asarray(motion.rotations)[:length]
+    translations = np.asarray(motion.translations)[:length]
     turned = (turn(rotations, rotations[:1]) > _STILL).any(axis=0)
+    moved = (translations != translations[:1]).any(axis=(0, 2))
     turning, moving = tuning.rotations, tuning.translations
     sides = {
         "turns": (np.flatnonzero(turned), turning, "degrees", 2 * math.degrees(1)),
-        "translations": (motion.translated_joints, moving, "length", 1.0),
+        "translations": (np.flatnonzero(moved), moving, "length", 1.0),
     }
     return {
         name: [

@@ -2,7 +2,7 @@
 was learned of each. The record itself is in it, for programs.
 
 A figure is a row of ``_FIGURES``: where it is in a file's entry, and its heading. Columns without
-any figure are left out.
+any figure are left out, and what results where it is what was there before.
 """
 
 import html
@@ -19,25 +19,25 @@ _FIGURES: tuple[tuple[tuple[str, ...], str], ...] = (
     (("rate",), "frames a second"),
     (("unit",), "metres a length unit"),
     (("result", "frames"), "frames now"),
-    (("result", "rate"), "a second"),
+    (("result", "rate"), "a second now"),
     (("changes", "frames_changed"), "frames changed"),
     (("changes", "degrees"), "joints turned, degrees"),
     (("changes", "distance"), "joints and ends moved, length units"),
-    (("changes", "root"), "root moved"),
+    (("changes", "root"), "root moved, length units"),
     (("feet", "slide_before"), "feet slid, length units a second"),
-    (("feet", "slide_edited"), "as edited"),
+    (("feet", "slide_edited"), "feet slide as edited"),
     (("feet", "slide_after"), "feet slide now"),
     (("feet", "contacts_restored"), "contacts restored"),
-    (("feet", "root_move"), "root moved for them by up to"),
-    (("seconds",), "seconds to work"),
+    (("feet", "root_move"), "which moved the root by up to"),
+    (("seconds",), "seconds it took"),
 )
 
 _STYLE = """
 body { font: 15px/1.4 system-ui, sans-serif; margin: 2em; }
 table { border-collapse: collapse; margin: 1em 0; }
 th, td { border-bottom: 1px solid #8886; padding: .3em .8em; }
-th, td { text-align: left; vertical-align: top; }
-th { font-weight: 600; max-width: 9em; }
+th, td { text-align: left; vertical-align: top; overflow-wrap: anywhere; }
+th { font-weight: 600; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 tr.failed td { color: #b00020; }
 tr.skipped td, tr.not-tried td { color: #777; }
@@ -49,7 +49,7 @@ summary { cursor: pointer; }
 def page(record: dict[str, Any]) -> str:
     """The page of a report."""
     entries = record["files"]
-    shown = [(where, heading) for where, heading in _FIGURES if _any(entries, where)]
+    shown = [(where, heading) for where, heading in _FIGURES if _tells(entries, where)]
     headings = ["file", "output", "status", *(heading for _, heading in shown)]
     rows = "\n".join(_row(entry, [where for where, _ in shown]) for entry in entries)
     learned = "\n".join(_learned(entry) for entry in entries if entry["learned"])
@@ -105,8 +105,12 @@ def _is_table(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
 
 
-def _any(entries: Sequence[dict[str, Any]], where: tuple[str, ...]) -> bool:
-    return any(_at(entry, where) is not None for entry in entries)
+def _tells(entries: Sequence[dict[str, Any]], where: tuple[str, ...]) -> bool:
+    """Whether a column is worth its place."""
+    found = [(entry, _at(entry, where)) for entry in entries]
+    if where[0] == "result":
+        return any(value not in (None, _at(entry, where[1:])) for entry, value in found)
+    return any(value is not None for _, value in found)
 
 
 def _at(entry: dict[str, Any], where: tuple[str, ...]) -> Any:

@@ -23,9 +23,9 @@ are in degrees, lengths in the file's own unit, times in UTC; what is not known 
 | ``made`` | hashes of the files that were written, by name |
 | ``result`` | unit, frames and rate of the clip that was written |
 | ``changes`` | as :func:`jaxmotion.metrics.difference` tells: ``frames``, ``frames_changed``, |
-| | and ``degrees`` (turns of joints), ``distance`` (moves of joints and end sites in the |
-| | world), ``root`` (its moves), each with ``mean``, ``p95``, ``max`` and the ``frame``, |
-| | ``joint`` and whether ``end_site`` of the largest |
+| | and ``degrees`` (turns of joints), ``shift`` (of joints in their parents), ``distance`` |
+| | (of joints and end sites in the world), ``root`` (its moves), each with ``mean``, ``p95``, |
+| | ``max`` and the ``frame``, ``joint`` and whether ``end_site`` of the largest |
 | ``feet`` | how they slide, a second: ``slide_before``, ``slide_edited``, ``slide_after``; |
 | | ``contacts_restored``; ``root_move``, the furthest that this moved the root |
 | ``learned`` | what the command learned of the clip, by name: values and tables |
@@ -242,6 +242,7 @@ def _changes(change: "Difference") -> dict[str, Any]:
         "frames": change.frames,
         "frames_changed": change.frames_changed,
         "degrees": _peak(change.angle, math.degrees(1)),
+        "shift": _peak(change.shift),
         "distance": change.distance and _peak(change.distance),
         "root": _peak(change.root),
     }

@@ -1,6 +1,5 @@
 """Going through files: refusals, failures, resuming, several processes, interruption."""
 
-import json
 import os
 import shutil
 import signal
@@ -16,7 +15,7 @@ import jaxmotion as jm
 from jaxmotion.cli import _batch, _record, _work
 from jaxmotion.cli._record import NAME
 from jaxmotion.io.atomic import atomic_write
-from tests.cli.conftest import swinging
+from tests.cli.conftest import record_in, swinging
 
 
 @pytest.fixture
@@ -304,7 +303,7 @@ def test_ctrl_c_leaves_no_partial_file(tmp_path, jobs, interruptible):
     recorded = _record._entries(out).keys()
     assert recorded <= {path.name for path in done}
     assert len(recorded) >= len(done) - 2 * int(jobs)
-    record = json.loads((tmp_path / "r.json").read_text())
+    record = record_in(tmp_path / "r.json")
     assert record["end"] == "interrupted"
     written = [row["output"] for row in record["files"] if row["status"] == "written"]
     assert {str(out / name) for name in recorded} >= set(written)

@@ -2,8 +2,6 @@
 
 import datetime
 import hashlib
-import json
-import re
 from importlib import metadata
 
 import click
@@ -11,9 +9,9 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.cli import _batch, _page, _report, _work
+from jaxmotion.cli import _batch, _report, _work
 from jaxmotion.cli._files import Job
-from tests.cli.conftest import swinging
+from tests.cli.conftest import record_in, swinging
 from tests.helpers import quaternions_by
 
 NUMBER, TEXT, NONE = (int, float), str, type(None)
@@ -40,6 +38,7 @@ FILE = CLIP | {
             "frames": int,
             "frames_changed": int,
             "degrees": PEAK,
+            "shift": PEAK,
             "distance": (PEAK, NONE),
             "root": PEAK,
         },
@@ -71,10 +70,7 @@ def fits(value, form):
 
 def read(path):
     """The record in a report, which has the form that is documented."""
-    text = path.read_text("utf-8")
-    if path.suffix == ".html":
-        text = re.findall(_page.RECORD, text, re.DOTALL)[0]
-    record = json.loads(text)
+    record = record_in(path)
     assert record.keys() == RECORD.keys()
     for key, form in RECORD.items():
         rows = record["files"] if key == "files" else [record[key]]
@@ -140,6 +136,7 @@ def test_a_page(jaxmotion, takes, tmp_path):
     assert "http" not in text
     assert "2 written, 1 failed; finished" in text
     assert "convert --to .npz" in text
+    assert "<th>frames</th><th>frames a second</th><th>seconds it took</th>" in text
     assert read(page)["files"][2]["sha256"] == sha256(takes / "c.bvh")
 
 
