@@ -5,10 +5,10 @@ Contacts are restored if the edit slides visibly more than the original, unless 
 """
 
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from jaxmotion.cli._padding import pad, unpadded
 from jaxmotion.cli._terminal import Notice
 
 if TYPE_CHECKING:
@@ -49,41 +49,43 @@ def find_feet(motion: "Motion", length: int) -> "Contacts":
 
 
 def with_contacts(
-    original: "Motion",
-    edited: "Motion",
-    length: int,
-    keep: bool | None,
-    find: "Callable[[Motion, int], Contacts]" = find_feet,
+    original: "Motion", edited: "Motion", contacts: "Contacts", length: int, keep: bool | None
 ) -> "tuple[Motion, Skate | None]":
     """The edit, with the original's contacts if they are to be kept, and how feet slide, ``None``
     if none touch.
 
     **Arguments:** ``original``, ``edited``: padded clips of one shape, of which the first
-    ``length`` frames count; ``keep``: ``None`` to keep contacts that slide visibly more; ``find``:
-    finds them.
+    ``length`` frames count; ``contacts``: of the original; ``keep``: ``None`` to keep contacts
+    that slide visibly more.
     """
     import numpy as np
 
     from jaxmotion import spacetime
     from jaxmotion.metrics import foot_skate
 
-    block = in_blocks(original, length)
-    contacts = find(block, length)
     if not np.asarray(contacts.mask).any():
         if keep:
             warnings.warn("no feet found that touch: no contacts are kept", Notice, stacklevel=2)
         return edited, None
-    before = foot_skate(block, contacts)
-    plain = foot_skate(in_blocks(edited, length), contacts)
+    before = foot_skate(original, contacts)
+    plain = foot_skate(edited, contacts)
     metres = original.skeleton.conventions.metres
     if keep is None:
         keep = plain > before + _VISIBLE * _leg(original, contacts)
     if not keep:
         return edited, Skate(before, plain, plain, False, metres)
-    own = for_frames(contacts, edited)
-    kept = spacetime.keep_contacts(edited, original, own, length=length)
-    after = foot_skate(in_blocks(kept, length), contacts)
-    return kept, Skate(before, plain, after, True, metres)
+    kept = spacetime.keep_contacts(edited, original, contacts, length=length)
+    return kept, Skate(before, plain, foot_skate(kept, contacts), True, metres)
+
+
+def with_feet(
+    original: "Motion", edited: "Motion", keep: bool | None
+) -> "tuple[Motion, Skate | None]":
+    """:func:`with_contacts` of the feet, for clips that are not padded."""
+    before, length = pad(original)
+    contacts = find_feet(before, length)
+    kept, skate = with_contacts(before, pad(edited)[0], contacts, length, keep)
+    return unpadded(kept, length), skate
 
 
 def _leg(motion: "Motion", contacts: "Contacts") -> float:
@@ -93,21 +95,3 @@ def _leg(motion: "Motion", contacts: "Contacts") -> float:
     bones = np.linalg.norm(np.asarray(motion.translations)[0], axis=-1)
     limbs = [limb for limb in contacts.limbs if limb is not None]
     return max((float(bones[middle] + bones[end]) for _, middle, end in limbs), default=0.0)
-
-
-def in_blocks(motion: "Motion", length: int) -> "Motion":
-    """The frames that count, padded to one of very few lengths, in NumPy arrays."""
-    import numpy as np
-
-    from jaxmotion.frames.padding import padded, program_size
-
-    parts = (np.asarray(x)[:length] for x in (motion.translations, motion.rotations))
-    size = program_size(length)
-    return motion.with_transforms(*(padded(part, size) for part in parts))  # type: ignore[arg-type]
-
-
-def for_frames(contacts: "Contacts", motion: "Motion") -> "Contacts":
-    """Contacts found on a clip, for the frames of the same clip padded otherwise."""
-    import jax.numpy as jnp
-
-    return contacts.at_frames(jnp.arange(motion.num_frames, dtype=float))

@@ -17,6 +17,7 @@ from jaxmotion.cli._app import described
 from jaxmotion.cli._feet import Skate, find_feet, with_contacts
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Reading, Selection
+from jaxmotion.cli._padding import pad, unpadded
 from jaxmotion.cli._terminal import Notice
 
 if TYPE_CHECKING:
@@ -105,7 +106,8 @@ def edit_file(editing: Editing, job: Job) -> Effect:
     padded, length = pad(motion)
     selection = editing.selection
     edited = confined(padded, editing.edit(padded, length), length, selection)
-    kept, skate = with_contacts(padded, edited, length, editing.keep, editing.find)
+    contacts = editing.find(padded, length)
+    kept, skate = with_contacts(padded, edited, contacts, length, editing.keep)
     # What restores contacts stays in the selection too, at its full strength.
     kept = confined(edited, kept, length, replace(selection, strength=1.0))
     result = finite(unpadded(kept, length))
@@ -151,23 +153,6 @@ def write(
 
     path.parent.mkdir(parents=True, exist_ok=True)
     jm.save(motion, path, overwrite=overwrite, up=up, **format_options)  # type: ignore[arg-type]
-
-
-def pad(motion: "Motion") -> "tuple[Motion, int]":
-    """The clip at the next of a few lengths, and how many frames count."""
-    from jaxmotion.frames.padding import in_buckets
-
-    padded = motion.with_transforms(*in_buckets(motion.translations, motion.rotations))
-    return padded, motion.num_frames
-
-
-def unpadded(motion: "Motion", length: int) -> "Motion":
-    """The frames that count, in NumPy arrays."""
-    import numpy as np
-
-    return motion.with_transforms(
-        np.asarray(motion.translations)[:length], np.asarray(motion.rotations)[:length]
-    )
 
 
 def confined(original: "Motion", edited: "Motion", length: int, selection: Selection) -> "Motion":

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jaxmotion._plain import printable
-from jaxmotion.cli._feet import for_frames, in_blocks
 from jaxmotion.cli._options import (
     NOWHERE,
     Batch,
@@ -102,7 +101,7 @@ def edit(motion: "Motion", length: int, *, finding: Any, way: str) -> "Motion":
     """The library's cleanup on a padded clip, with the clip's own contacts."""
     import jaxmotion as jm
 
-    found = for_frames(finding(in_blocks(motion, length), length), motion)
+    found = finding(motion, length)
     if not found.names:
         raise ValueError(_NO_FEET)
     if way == "spacetime":
@@ -135,9 +134,9 @@ def _facts(motion: "Motion", finding: Any) -> dict[str, Any]:
     import numpy as np
 
     from jaxmotion import contacts, metrics
+    from jaxmotion.cli._padding import pad
 
-    length = motion.num_frames
-    padded = in_blocks(motion, length)
+    padded, length = pad(motion)
     found = finding(padded, length)
     share = np.asarray(found.mask).sum(axis=0) / length
     return {

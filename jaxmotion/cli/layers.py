@@ -48,7 +48,8 @@ def command(batch: Batch, running: Running, scope: str) -> None:
 
 def _decompose(batch: Batch, scope: str, job: Job) -> str:
     import jaxmotion as jm
-    from jaxmotion.cli._work import pad, read, unpadded, write
+    from jaxmotion.cli._padding import pad, unpadded
+    from jaxmotion.cli._work import read, write
     from jaxmotion.io.conventions import turned_for
 
     # All outputs are of one world: turned before anything is taken apart.
