@@ -2,17 +2,24 @@
 
 Slides are measured where the original's feet touch, in the original, in the edit and in the result.
 Contacts are restored if the edit slides visibly more than the original, unless the user decides.
+
+Another timing alone changes how fast feet slide: an edit of timing is compared with the original's
+own frames in the new timing, each as the nearest of the edit shows it, and only between frames that
+touch: how a foot comes and goes is no slide.
 """
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from jaxmotion.cli._padding import pad, unpadded
 from jaxmotion.cli._terminal import Notice
 
 if TYPE_CHECKING:
+    from jax import Array
+
     from jaxmotion import Motion
+    from jaxmotion._types import ArrayLike
     from jaxmotion.contacts import Contacts
 
 _VISIBLE = 0.04  # of the leg's length a second: some 3 cm/s for a person
@@ -24,7 +31,7 @@ class Skate:
 
     **Fields:** ``before``: in the original; ``edited``: in the edit; ``after``: in the result;
     ``kept``: whether contacts were restored in it; ``metres``: the file's unit, ``None`` where it
-    is not told.
+    is not told; ``timed``: in the original's frames in the timing of the edit, if that is another.
     """
 
     before: float
@@ -32,13 +39,15 @@ class Skate:
     after: float
     kept: bool
     metres: float | None
+    timed: float | None = None
 
     def __str__(self) -> str:
         scale, unit = (1.0, " a second") if self.metres is None else (100 * self.metres, " cm/s")
-        speeds = (self.before, self.after, self.edited)
-        before, after, edited = (f"{scale * speed:.3g}" for speed in speeds)
+        speeds = (self.before, self.after, self.edited, self.timed or 0.0)
+        before, after, edited, timed = (f"{scale * speed:.3g}" for speed in speeds)
         kept = f" (contacts kept; else {edited})" if self.kept else ""
-        return f"feet slid at {before}, now {after}{unit}{kept}"
+        timing = f" ({timed} in the new timing)" if self.timed is not None else ""
+        return f"feet slid at {before}{timing}, now {after}{unit}{kept}"
 
 
 def find_feet(motion: "Motion", length: int) -> "Contacts":
@@ -86,6 +95,43 @@ def with_feet(
     contacts = find_feet(before, length)
     kept, skate = with_contacts(before, pad(edited)[0], contacts, length, keep)
     return unpadded(kept, length), skate
+
+
+def with_timed_feet(
+    original: "Motion", retimed: "Motion", source_frames: "ArrayLike", keep: bool | None
+) -> "tuple[Motion, Skate | None]":
+    """:func:`with_feet` for an edit of timing: ``source_frames`` f[N], the frame of the original, a
+    fraction too, that each of its N frames shows."""
+    import jax.numpy as jnp
+    import numpy as np
+
+    from jaxmotion.metrics import foot_skate
+
+    before, frames = pad(original)
+    edited, length = pad(retimed)
+    contacts = find_feet(before, frames)
+    at = np.clip(np.round(np.asarray(source_frames, float), 6), 0, frames - 1)
+    at = at[np.minimum(np.arange(edited.num_frames), length - 1)]
+    nearest = np.rint(at).astype(int)
+    shown = edited.with_transforms(before.translations[nearest], before.rotations[nearest])
+    carried = _carried(contacts, jnp.asarray(at), length)
+    kept, skate = with_contacts(shown, edited, carried, length, keep)
+    if skate is not None:
+        own = foot_skate(before, contacts)
+        skate = replace(skate, before=own, timed=skate.before)
+    return unpadded(kept, length), skate
+
+
+def _carried(contacts: "Contacts", at: "Array", length: int) -> "Contacts":
+    """The contacts for frames that show the times ``at``, the first ``length`` of which count: what
+    touches in the frames before and after touches between them."""
+    import equinox as eqx
+    import jax.numpy as jnp
+    import numpy as np
+
+    before, after = (contacts.at_frames(beside(at)).mask for beside in (jnp.floor, jnp.ceil))
+    mask = before & after & (np.arange(len(at)) < length)[:, None]
+    return eqx.tree_at(lambda c: c.mask, contacts.at_frames(at), mask)
 
 
 def _leg(motion: "Motion", contacts: "Contacts") -> float:

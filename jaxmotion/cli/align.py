@@ -16,6 +16,7 @@ from jaxmotion.cli._joining import (
     read_clips,
     warned,
 )
+from jaxmotion.cli._options import keep_contacts_option
 from jaxmotion.cli._terminal import say
 
 if TYPE_CHECKING:
@@ -71,6 +72,7 @@ def _plot_suffix(ctx: click.Context, param: click.Parameter, value: Path | None)
     callback=_plot_suffix,
     help="Draw the pairs of frames into this .png, .svg or .pdf file.",
 )
+@keep_contacts_option
 @joining_options
 def command(
     source: Path,
@@ -81,6 +83,7 @@ def command(
     few_joints: bool,
     path: Path | None,
     plot: Path | None,
+    keep_contacts: bool | None,
     joining: Joining,
 ) -> None:
     """Give SOURCE the timing of REFERENCE: what happens in both happens at the same time.
@@ -107,19 +110,22 @@ def command(
         _require_matplotlib()
     _files.clearing(targets)()
     _session.start(cache=joining.running.cache, little=_session.is_little([source, reference]))
+    from jaxmotion.cli._feet import with_timed_feet
     from jaxmotion.cli._work import finite, write
     from jaxmotion.timing import align
 
     with warned():
-        clips = read_clips([source, reference], joining.reading)
+        clips = read_clips([source, reference], joining.reading, uses_up=True)
         compared = _compared(*clips, few=few_joints)
         found = align(*clips, method=method, step_pattern=steps, settle=settle)
-        write(finite(found.motion), out, overwrite=overwrite, up=joining.out_up)
+        copy, skate = with_timed_feet(clips[0], found.motion, found.source_frame, keep_contacts)
+        write(finite(copy), out, overwrite=overwrite, up=joining.out_up)
     if path is not None:
         _write_path(found, path, source, reference, method, overwrite=overwrite)
     if plot is not None:
         _write_plot(found, plot, source, reference, overwrite=overwrite)
-    say(f"{out}: {_summary(found)}; {compared}", err=True)
+    slid = f"; {skate}" if skate else ""
+    say(f"{out}: {_summary(found)}; {compared}{slid}", err=True)
 
 
 def _compared(source: "Motion", reference: "Motion", *, few: bool) -> str:
