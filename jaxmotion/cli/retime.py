@@ -1,5 +1,6 @@
 """``jaxmotion retime``: another frame rate, another timing."""
 
+import itertools
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -117,6 +118,11 @@ def command(
         raise click.UsageError("--to-fps and --frames both set the rate; give one of them")
     if slow is not None and pairs:
         raise click.UsageError("--slow and --at both set the timing; give one of them")
+    marks = [(0.0, 0.0), *(pairs[1:] if pairs[:1] == ((0.0, 0.0),) else pairs)]
+    for (a, b), (c, d) in itertools.pairwise(marks):
+        if c <= a or d <= b:
+            told = f"{c:g}={d:g} does not come after {a:g}={b:g}"
+            raise click.UsageError(f"--at must increase on both sides, from 0; {told}")
     warp, rate = {}, {}
     if slow is not None or pairs or ease_in or ease_out:
         ease = (ease_in, ease_out)
