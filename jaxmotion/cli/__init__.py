@@ -14,6 +14,7 @@ only click at the top; JAX and the library load inside functions, so help never 
 | ``_workers`` | files side by side, in processes |
 | ``_work`` | one file through an edit |
 | ``_feet`` | what an edit does to the feet; contacts kept |
+| ``_padding`` | clips at a few lengths |
 | ``_record`` | which options outputs were made with, for ``--resume`` |
 | ``_joining`` | several clips into one file |
 | ``_reading`` | files that are only read |

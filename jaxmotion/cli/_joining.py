@@ -66,13 +66,12 @@ def join(
     joining: Joining,
     *,
     edited: int = 0,
-    uses_up: bool = True,
     also: Sequence[Path] = (),
 ) -> None:
     """Read ``sources``, ``combine`` them and write the result.
 
-    **Arguments:** ``edited``: which of them a report is about, with the others; ``uses_up``: as
-    :func:`~jaxmotion.cli._work.read`; ``also``: other files that ``combine`` writes.
+    **Arguments:** ``edited``: which of them a report is about, with the others; ``also``: other
+    files that ``combine`` writes.
     """
     from jaxmotion.cli import _files, _session
     from jaxmotion.cli._progress import line_about
@@ -97,7 +96,7 @@ def join(
     with report, report.attempt(job) as outcome, told_by(outcome):
         from jaxmotion.cli._work import finite, write
 
-        clips = read_clips(sources, joining.reading, uses_up=uses_up)
+        clips = read_clips(sources, joining.reading)
         joined = combine(clips)
         write(finite(joined.motion), out, overwrite=joining.overwrite, up=joining.out_up)
         joined.then()
@@ -137,13 +136,11 @@ def check_targets(targets: Sequence[Path], sources: Sequence[Path], *, overwrite
             raise click.ClickException(f"{target} exists; add --overwrite")
 
 
-def read_clips(
-    sources: Sequence[Path], reading: Reading, *, uses_up: bool = False
-) -> "list[Motion]":
+def read_clips(sources: Sequence[Path], reading: Reading) -> "list[Motion]":
     """The clips."""
     from jaxmotion.cli._work import read
 
-    return [read(source, reading, uses_up=uses_up) for source in sources]
+    return [read(source, reading, uses_up=True) for source in sources]
 
 
 @contextmanager

@@ -11,10 +11,12 @@ table of a command's name only it; what is typed on the command line wins.
 """
 
 import functools
+import math
 import os
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +109,9 @@ class FrameRange(click.ParamType):
             first, end = (int(part) if part.strip() else None for part in str(value).split(":"))
         except ValueError:
             self.fail(f"{value!r} is not a range of frames such as 120:480", param, ctx)
+        start = first or 0
+        if end is not None and (start < 0) == (end < 0) and end <= start:
+            self.fail(f"{value!r} holds no frame; the end is excluded", param, ctx)
         return first, end
 
 
@@ -129,7 +134,8 @@ class Gain(click.ParamType):
 
 
 def running_options(function: Callable) -> Callable:
-    """``--preset --no-cache --debug``; the command is given ``running``."""
+    """``--preset --no-cache --debug``; the command is given ``running``. Numbers of all its
+    options must be finite."""
 
     @click.option(
         "--preset",
@@ -149,6 +155,7 @@ def running_options(function: Callable) -> Callable:
     )
     @functools.wraps(function)
     def command(*args, no_cache: bool, debug: bool, **values):
+        _refuse_infinite(click.get_current_context())
         return function(*args, running=Running(not no_cache, debug), **values)
 
     return command
@@ -310,6 +317,21 @@ def format_option(function: Callable) -> Callable:
         callback=lambda ctx, param, value: f".{value}" if value else None,
         help="Format of the outputs in a folder.",
     )(function)
+
+
+def _refuse_infinite(ctx: click.Context) -> None:
+    for param in ctx.command.params:
+        for number in _numbers(ctx.params.get(param.name or "")):
+            if not math.isfinite(number):
+                raise click.BadParameter(f"{number} is not a finite number", ctx, param)
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """Those in a value, which may be a tuple of such."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, tuple):
+        yield from chain.from_iterable(map(_numbers, value))
 
 
 def _note_debug(ctx: click.Context, param: click.Parameter, value: bool) -> bool:

@@ -25,6 +25,7 @@ _FIGURES: tuple[tuple[tuple[str, ...], str], ...] = (
     (("changes", "distance"), "joints and ends moved, length units"),
     (("changes", "root"), "root moved, length units"),
     (("feet", "slide_before"), "feet slid, length units a second"),
+    (("feet", "slide_timed"), "in the new timing"),
     (("feet", "slide_edited"), "feet slide as edited"),
     (("feet", "slide_after"), "feet slide now"),
     (("feet", "contacts_restored"), "contacts restored"),

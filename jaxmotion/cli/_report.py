@@ -26,8 +26,9 @@ are in degrees, lengths in the file's own unit, times in UTC; what is not known 
 | | and ``degrees`` (turns of joints), ``shift`` (of joints in their parents), ``distance`` |
 | | (of joints and end sites in the world), ``root`` (its moves), each with ``mean``, ``p95``, |
 | | ``max`` and the ``frame``, ``joint`` and whether ``end_site`` of the largest |
-| ``feet`` | how they slide, a second: ``slide_before``, ``slide_edited``, ``slide_after``; |
-| | ``contacts_restored``; ``root_move``, the furthest that this moved the root |
+| ``feet`` | how they slide, a second: ``slide_before``, ``slide_timed`` (the input's frames in |
+| | another timing), ``slide_edited``, ``slide_after``; ``contacts_restored``; ``root_move``, |
+| | the furthest that this moved the root |
 | ``learned`` | what the command learned of the clip, by name: values and tables |
 
 A file that ``--resume`` skips keeps its entry in the report that is there, if its outputs are still
@@ -257,6 +258,7 @@ def _peak(peak: "Peak", scale: float = 1.0) -> dict[str, Any]:
 def _feet(skate: "Skate") -> dict[str, Any]:
     return {
         "slide_before": skate.before,
+        "slide_timed": skate.timed,
         "slide_edited": skate.edited,
         "slide_after": skate.after,
         "contacts_restored": skate.contacts,

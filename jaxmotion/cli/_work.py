@@ -18,6 +18,7 @@ from jaxmotion.cli._app import described
 from jaxmotion.cli._feet import Skate, find_feet, keep_contacts, with_contacts
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Reading, Selection
+from jaxmotion.cli._padding import pad, unpadded
 from jaxmotion.cli._terminal import Notice
 
 if TYPE_CHECKING:
@@ -140,16 +141,11 @@ def edit_file(editing: Editing, job: Job) -> Effect:
     selection = editing.selection
     edit = editing.edit(padded, length)
     edited = confined(padded, edit.motion, length, selection)
+    contacts = editing.find(padded, length)
     # What restores contacts stays in the selection too, at its full strength.
     within = partial(confined, edited, length=length, selection=replace(selection, strength=1.0))
     kept, skate = with_contacts(
-        padded,
-        edited,
-        length,
-        editing.keep,
-        editing.find,
-        restore=editing.restore,
-        within=within,
+        padded, edited, contacts, length, editing.keep, restore=editing.restore, within=within
     )
     result = finite(unpadded(kept, length))
     change = metrics.difference(motion, result, world=editing.measured)
@@ -195,23 +191,6 @@ def write(
 
     path.parent.mkdir(parents=True, exist_ok=True)
     jm.save(motion, path, overwrite=overwrite, up=up, **format_options)  # type: ignore[arg-type]
-
-
-def pad(motion: "Motion") -> "tuple[Motion, int]":
-    """The clip at the next of a few lengths, and how many frames count."""
-    from jaxmotion.frames.padding import in_buckets
-
-    padded = motion.with_transforms(*in_buckets(motion.translations, motion.rotations))
-    return padded, motion.num_frames
-
-
-def unpadded(motion: "Motion", length: int) -> "Motion":
-    """The frames that count, in NumPy arrays."""
-    import numpy as np
-
-    return motion.with_transforms(
-        np.asarray(motion.translations)[:length], np.asarray(motion.rotations)[:length]
-    )
 
 
 def confined(original: "Motion", edited: "Motion", length: int, selection: Selection) -> "Motion":

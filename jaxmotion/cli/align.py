@@ -9,6 +9,7 @@ import click
 from jaxmotion import __version__
 from jaxmotion._plain import as_json
 from jaxmotion.cli._joining import Joined, Joining, a_file, join, joining_options
+from jaxmotion.cli._options import keep_contacts_option
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -63,6 +64,7 @@ def _plot_suffix(ctx: click.Context, param: click.Parameter, value: Path | None)
     callback=_plot_suffix,
     help="Draw the pairs of frames into this .png, .svg or .pdf file.",
 )
+@keep_contacts_option
 @joining_options
 def command(
     source: Path,
@@ -73,6 +75,7 @@ def command(
     few_joints: bool,
     path: Path | None,
     plot: Path | None,
+    keep_contacts: bool | None,
     joining: Joining,
 ) -> None:
     """Give SOURCE the timing of REFERENCE: what happens in both happens at the same time.
@@ -95,10 +98,12 @@ def command(
         _require_matplotlib()
 
     def combine(clips: "list[Motion]") -> Joined:
+        from jaxmotion.cli._feet import with_timed_feet
         from jaxmotion.timing import align
 
         compared, joints = _compared(*clips, few=few_joints)
         found = align(*clips, method=method, step_pattern=steps, settle=settle)
+        copy, skate = with_timed_feet(clips[0], found.motion, found.source_frame, keep_contacts)
 
         def then() -> None:
             if path is not None:
@@ -117,9 +122,9 @@ def command(
         )
         learned = {"rms_degrees": _degrees(found), "held": held, "hurried": hurried}
         learned |= {"joints_compared": compared, "joints": joints}
-        return Joined(found.motion, message, learned=learned, then=then)
+        return Joined(copy, message, skate=skate, learned=learned, then=then)
 
-    join(combine, [source, reference], joining, uses_up=False, also=also)
+    join(combine, [source, reference], joining, also=also)
 
 
 def _compared(source: "Motion", reference: "Motion", *, few: bool) -> tuple[int, int]:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jaxmotion.cli._feet import with_contacts
+from jaxmotion.cli._feet import with_feet
 from jaxmotion.cli._joining import Joined, Joining, a_file, join, joining_options
 from jaxmotion.cli._options import keep_contacts_option
 
@@ -50,7 +50,7 @@ def command(
                 f"the clips have {numbers} frames; jaxmotion align gives one the timing of another"
             )
         mixed, frames = blend(*clips, levels=levels), clips[0].num_frames
-        motion, skate = with_contacts(clips[-1], mixed, frames, keep_contacts)
+        motion, skate = with_feet(clips[-1], mixed, keep_contacts)
         return Joined(motion, f"{frames} frames", clips[-1], skate)
 
     join(combine, [reference, first, second], joining, edited=2)

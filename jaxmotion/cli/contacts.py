@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jaxmotion._plain import printable
-from jaxmotion.cli._feet import in_blocks, keep_contacts
+from jaxmotion.cli._feet import keep_contacts
 from jaxmotion.cli._options import (
     NOWHERE,
     Batch,
@@ -152,9 +152,9 @@ def _facts(motion: "Motion", finding: Any) -> dict[str, Any]:
     import numpy as np
 
     from jaxmotion import contacts, metrics
+    from jaxmotion.cli._padding import pad
 
-    length = motion.num_frames
-    padded = in_blocks(motion, length)
+    padded, length = pad(motion)
     found = finding(padded, length)
     share = np.asarray(found.mask).sum(axis=0) / length
     return {

@@ -50,7 +50,8 @@ def command(batch: Batch, running: Running, scope: str) -> None:
 def _decompose(batch: Batch, scope: str, job: Job) -> "Effect":
     import jaxmotion as jm
     from jaxmotion.cli._learned import of_base
-    from jaxmotion.cli._work import Clip, Effect, pad, read, unpadded, write
+    from jaxmotion.cli._padding import pad, unpadded
+    from jaxmotion.cli._work import Clip, Effect, read, write
     from jaxmotion.io.conventions import turned_for
 
     # All outputs are of one world: turned before anything is taken apart.

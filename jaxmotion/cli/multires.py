@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from jaxmotion import Motion
 
 
+_DEEPEST = 6  # levels of detail, where nobody says how many
+
+
 class Gains(click.ParamType):
     """``1,1.5,0.8``: numbers."""
 
@@ -83,6 +86,10 @@ def command(
         raise click.UsageError("say what: --gains 1,1.5,1, or --level 3; one of them")
     if gains is not None and levels is not None and levels != len(gains):
         raise click.UsageError(f"--levels {levels} and {len(gains)} --gains disagree")
+    deepest = _DEEPEST if levels is None else levels
+    if level is not None and level > deepest:
+        there = f"there is {deepest} level" if deepest == 1 else f"there are {deepest} levels"
+        raise click.UsageError(f"--level {level:g}: {there} of detail; --levels makes more")
     changes = partial(edit, gains=gains, level=level, levels=levels)
     edit_files(changes, batch, running, selection, keep=keep_contacts)
 
@@ -101,12 +108,8 @@ def edit(
 
     from jaxmotion.multiresolution import build_pyramid, level_of_detail, scale_details
     from jaxmotion.multiresolution.cascade import level_sizes
-    from jaxmotion.multiresolution.pyramid import DEEPEST, level_count
+    from jaxmotion.multiresolution.pyramid import level_count
 
-    deepest = DEEPEST if levels is None else levels
-    if level is not None and level > deepest:
-        text = f"--level {level:g}: there are {_counted(deepest, 'level')} of detail"
-        raise ValueError(f"{text}; --levels makes more")
     wanted = len(gains) if gains is not None else levels
     most = len(level_sizes(length)) - 1
     number = level_count(length, wanted if wanted is None else min(wanted, most), "multires")

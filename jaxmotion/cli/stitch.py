@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jaxmotion.cli._feet import with_contacts
+from jaxmotion.cli._feet import with_feet
 from jaxmotion.cli._joining import Joined, Joining, join, joining_options
 from jaxmotion.cli._options import keep_contacts_option
 
@@ -54,7 +54,7 @@ def command(
         seconds = float(clips[0].frame_time)
         found = stitched(clips, levels, align=not no_align, search=round(search / seconds))
         frames = found.motion.num_frames
-        motion, skate = with_contacts(found.end_to_end, found.motion, frames, keep_contacts)
+        motion, skate = with_feet(found.end_to_end, found.motion, keep_contacts)
         dropped = sum(clip.num_frames for clip in clips) - len(clips) + 1 - frames
         seams = [{"frame": frame, "seconds": frame * seconds} for frame in found.seams]
         told = [f"frame {seam['frame']} ({seam['seconds']:.4g} s)" for seam in seams]

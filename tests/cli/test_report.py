@@ -14,13 +14,14 @@ from jaxmotion.cli._files import Job
 from tests.cli.conftest import record_in, swinging
 from tests.helpers import quaternions_by
 
-NUMBER, TEXT, NONE = (int, float), str, type(None)
+TEXT, NONE = str, type(None)
 PEAK = dict.fromkeys(("mean", "p95", "max"), float) | {
     "frame": int,
     "joint": TEXT,
     "end_site": bool,
 }
-FEET = ("slide_before", "slide_edited", "slide_after", "contacts_restored", "root_move")
+FEET = dict.fromkeys(("slide_before", "slide_edited", "slide_after", "root_move"), float)
+FEET |= {"contacts_restored": int, "slide_timed": (float, NONE)}
 CLIP = {"unit": (float, NONE), "frames": (int, NONE), "rate": (float, NONE)}
 FILE = CLIP | {
     "input": TEXT,
@@ -44,7 +45,7 @@ FILE = CLIP | {
         },
         NONE,
     ),
-    "feet": (dict.fromkeys(FEET, NUMBER), NONE),
+    "feet": (FEET, NONE),
     "learned": dict,
 }
 RECORD = {
@@ -76,7 +77,7 @@ def read(path):
         rows = record["files"] if key == "files" else [record[key]]
         assert all(fits(row, form[0] if key == "files" else form) for row in rows), (key, rows)
     assert sum(record["counts"].values()) == len(record["files"])
-    for key in RECORD.keys() | FILE.keys() | set(FEET) | PEAK.keys():
+    for key in RECORD.keys() | FILE.keys() | FEET.keys() | PEAK.keys():
         assert f"``{key}``" in _report.__doc__, key
     return record
 

@@ -69,6 +69,8 @@ def test_retime_goes_through_folders_and_tells_of_failures(jaxmotion, tmp_path):
         (("--slow", "1", "--at", "1=2"), "both set the timing"),
         (("--keep-duration",), "--keep-duration goes with"),
         (("--at", "1:2"), "not of the form '1.5=2.0'"),
+        (("--at", "1=2", "--at", "0.5=3"), "0.5=3 does not come after 1=2"),
+        (("--at", "0.5=-1"), "0.5=-1 does not come after 0=0"),
         (("--to-fps", "0"), "0"),
         (("--slow", "-1"), "-1"),
     ],
