@@ -129,7 +129,7 @@ def compressed() -> multiresolution.CompressedMotion:
     )
 
 
-PEAK = metrics.Peak(0.123456789, 12, "LeftFoot")
+PEAK = metrics.Peak(0.123456789, 12, "LeftFoot", 0.01234567, 0.1)
 
 _MAKERS: dict[str, Callable[[], Any]] = {
     "Motion": motion,
@@ -193,7 +193,7 @@ _MAKERS: dict[str, Callable[[], Any]] = {
         *(zeros(dtype=bool), zeros(dtype=np.int32), 8, 192),
     ),
     "ContactScores": lambda: metrics.ContactScores(0.987654321, 1.0),
-    "Difference": lambda: metrics.Difference(240, 33, PEAK, PEAK, PEAK),
+    "Difference": lambda: metrics.Difference(240, 33, PEAK, PEAK, PEAK, PEAK),
     "Peak": lambda: PEAK,
     "Problem": lambda: metrics.Problem(
         "spike", "LeftFoot turns by 45 degrees and back within a frame", 12, 13, "LeftFoot"

@@ -217,10 +217,8 @@ def test_small_results_are_keys_of_dictionaries():
     for make in (
         lambda: contacts.Interval("toe", 2, 3, 17, "point", (0.1, 0.0, 2.0), 0.5),
         lambda: metrics.ContactScores(0.5, 1.0),
-        lambda: metrics.Peak(0.5, 3, "toe"),
-        lambda: metrics.Difference(
-            3, 2, metrics.Peak(0.5, 3, "toe"), metrics.Peak(0.0, 0, ""), None
-        ),
+        lambda: metrics.Peak(0.5, 3, "toe", 0.1, 0.4),
+        lambda: metrics.Difference(3, 2, *(metrics.Peak(0.5, 3, "toe", 0.1, 0.4),) * 3, None),
         lambda: metrics.Problem("spike", "it jumps", 3, 4, "toe"),
         Weights,
         lambda: copy.deepcopy(example("AsfBone")),

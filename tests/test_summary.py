@@ -167,8 +167,8 @@ def test_joint_names_are_anybodys_text():
     )
     clip = random_motion(np.random.default_rng(0), 3, skeleton)
     points = contacts.ContactPoints(skeleton, names)
-    peak = metrics.Peak(1.0, 0, HOSTILE)
-    difference = metrics.Difference(3, 3, peak, peak, peak)
+    peak = metrics.Peak(1.0, 0, HOSTILE, 0.5, 0.9, True)
+    difference = metrics.Difference(3, 3, peak, peak, peak, peak)
     problem = metrics.Problem("spike", HOSTILE, joint=HOSTILE)
     interval = contacts.Interval(HOSTILE, 0, 0, 1, "point", (0.0, 0.0, 0.0), 1.0)
     for thing in (skeleton, clip, points, peak, difference, problem, interval):

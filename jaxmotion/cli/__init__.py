@@ -14,12 +14,16 @@ only click at the top; JAX and the library load inside functions, so help never 
 | ``_workers`` | files side by side, in processes |
 | ``_work`` | one file through an edit |
 | ``_feet`` | what an edit does to the feet; contacts kept |
+| ``_padding`` | clips at a few lengths |
 | ``_record`` | which options outputs were made with, for ``--resume`` |
 | ``_joining`` | several clips into one file |
+| ``_reading`` | files that are only read |
 | ``_session`` | float64, the notice while compiling, the compile cache |
 | ``_terminal`` | everything that is printed |
 | ``_leaving`` | signals, and what must not be left undone |
-| ``_progress``, ``_report`` | what is told on the way, and at the end |
+| ``_progress`` | what is told on the way |
+| ``_report``, ``_page`` | the record of a run, as JSON and as HTML |
+| ``_learned`` | what smoothers learned, in rows for it |
 
 Exit codes: 0 success, 1 some files failed, 2 usage, 3 ``check`` found problems, 130 interrupted,
 143 terminated (128 + the signal's number).

@@ -81,8 +81,8 @@ class CommandTable(click.Group):
         except click.ClickException as error:
             show(error)
             code = error.exit_code
-        except (click.Abort, KeyboardInterrupt):
-            say("Interrupted.", err=True)
+        except (click.Abort, KeyboardInterrupt) as error:
+            say("Interrupted.", *filter(None, error.args), err=True)
             code = 130
         except OSError as error:  # of the last flush: all others have become a ClickException
             silence(sys.stdout)

@@ -14,15 +14,18 @@ from typing import TYPE_CHECKING
 import click
 
 from jaxmotion._plain import irregular, printable
-from jaxmotion.cli import _files, _session
-from jaxmotion.cli._feet import find_feet
+from jaxmotion.cli import _files, _leaving, _session
+from jaxmotion.cli._feet import find_feet, keep_contacts
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Batch, Running, Selection, asked_for
 from jaxmotion.cli._progress import Progress
 from jaxmotion.cli._record import Record
+from jaxmotion.cli._report import Report
 from jaxmotion.cli._terminal import say
-from jaxmotion.cli._work import Editing, Effect, Outcome, edit_file, guarded
+from jaxmotion.cli._work import Edited, Editing, Effect, Outcome, edit_file, guarded
 from jaxmotion.io.formats import files_of
+
+_FIRST_FAILURE = "stopped at the first failure"
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -30,18 +33,20 @@ if TYPE_CHECKING:
 
 
 def edit_files(
-    edit: "Callable[[Motion, int], Motion]",
+    edit: "Callable[[Motion, int], Edited]",
     batch: Batch,
     running: Running,
     selection: Selection,
     *,
     keep: bool | None = None,
     find: "Callable[[Motion, int], Contacts]" = find_feet,
+    restore: "Callable[[Motion, Motion, Contacts, int], Motion]" = keep_contacts,
 ) -> None:
     """Send every input through ``edit`` and leave with an exit code.
 
-    **Arguments:** ``edit``: (motion, number of frames that count) to a motion of the same shape;
-    a function that can be pickled; ``keep`` and ``find``: as :class:`Editing`.
+    **Arguments:** ``edit``: (motion, number of frames that count) to a motion of the same shape,
+    in an :class:`Edited`; a function that can be pickled; ``keep``, ``find`` and ``restore``: as
+    :class:`Editing`.
     """
     jobs = _files.plan(_files.expand(batch.files, avoid=batch.out), batch.out)
     editing = Editing(
@@ -53,12 +58,13 @@ def edit_files(
         measured=batch.report is not None,
         keep=keep,
         find=find,
+        restore=restore,
     )
     run(partial(edit_file, editing), jobs, batch, running)
 
 
 def run(
-    process: "Callable[[Job], Effect | str | None]",
+    process: Callable[[Job], Effect],
     jobs: Sequence[Job],
     batch: Batch,
     running: Running,
@@ -70,12 +76,12 @@ def run(
     **Arguments:** ``process``: a function that can be pickled, which raises on failure;
     ``writes``: the files that come of a target, by default the target (and an .amc's .asf).
     """
-    report = batch.report
-    if report is not None and report.exists() and not (batch.overwrite or batch.resume):
-        raise click.UsageError(f"{report} exists; add --overwrite")
+    writes = writes or files_of
+    replaced = batch.overwrite or batch.resume
+    report = Report(batch.report, jobs, writes=writes, overwrite=replaced, resume=batch.resume)
     options = asked_for(click.get_current_context())
     record = Record(options, spared=None if batch.resume else batch.out)
-    early, ready = _sorted_out(jobs, batch, writes or files_of, record)
+    early, ready = _sorted_out(jobs, batch, writes, record)
     if batch.dry_run:
         for outcome in early:
             say(f"{_arrow(outcome.job)}: {outcome.message}")
@@ -83,25 +89,32 @@ def run(
             say(_arrow(job))
         say(f"{len(ready)} files would be written.", err=True)
         raise click.exceptions.Exit(0)
-    outputs = [path for job in jobs for path in (writes or files_of)(job.target)]
-    clear = _files.clearing([*outputs, *([report] if report else [])])
+    outputs = [path for job in jobs for path in writes(job.target)]
+    clear = _files.clearing([*outputs, *([batch.report] if batch.report else [])])
     clear()
     record.forget(job.target for job in ready)
-    outcomes = []
-    for outcome in _outcomes(process, early, ready, batch, running, clear):
-        outcomes.append(outcome)
-        if outcome.status == "written":
-            record.note(outcome.job.target)
-    if report is not None:
-        from jaxmotion.cli._report import write_report
-
-        write_report(report, outcomes)
-    counts = {s: sum(o.status == s for o in outcomes) for s in ("written", "skipped", "failed")}
+    statuses: list[str] = []
+    with report, _leaving.last_word(lambda: _how_to_go_on(len(jobs), statuses)):
+        for outcome in _outcomes(process, early, ready, batch, running, clear):
+            if outcome.status == "written":
+                record.note(outcome.job.target)
+            statuses.append(outcome.status)
+            report.add(outcome)
+        left = len(jobs) - len(statuses)
+        report.end = f"failed: {_FIRST_FAILURE}" if left else report.end
+    counts = {s: statuses.count(s) for s in ("written", "skipped", "failed")}
     if len(jobs) > 1:
         say(", ".join(f"{n} {s}" for s, n in counts.items() if n) + ".", err=True)
-        if left := len(jobs) - len(outcomes):
-            say(f"Stopped at the first failure; {left} not tried.", err=True)
+        if left:
+            say(f"{_FIRST_FAILURE.capitalize()}; {left} not tried.", err=True)
     raise click.exceptions.Exit(1 if counts["failed"] else 0)
+
+
+def _how_to_go_on(jobs: int, statuses: list[str]) -> str:
+    """What to say of a run of several files that is interrupted."""
+    done = sum(status in ("written", "skipped") for status in statuses)
+    hint = f"{done} of {jobs} files are done; the same command with --resume goes on from there."
+    return hint if jobs > 1 else ""
 
 
 def _sorted_out(

@@ -4,7 +4,7 @@ import functools
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,12 +16,16 @@ from jaxmotion.cli._options import (
     Running,
     out_up_option,
     reading_options,
+    report_option,
     running_options,
 )
 from jaxmotion.cli._terminal import say
+from jaxmotion.io.formats import files_of
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
+    from jaxmotion.cli._feet import Skate
+    from jaxmotion.cli._work import Effect, Learned, Outcome
 
 
 def a_file(**options: Any) -> Any:
@@ -37,31 +41,80 @@ class Joining:
     out_up: str | None
     overwrite: bool
     dry_run: bool
+    report: Path | None
     reading: Reading
     running: Running
 
 
+@dataclass(frozen=True)
+class Joined:
+    """What a command makes of several clips: a motion; a message; the same frames before they were
+    joined, to tell how they changed, None where there are no such; how the feet slide, None if none
+    touch; what was learned on the way; ``then`` writes what goes with the motion."""
+
+    motion: "Motion"
+    message: str
+    original: "Motion | None" = None
+    skate: "Skate | None" = None
+    learned: "Learned" = field(default_factory=dict)
+    then: Callable[[], object] = lambda: None
+
+
 def join(
-    combine: "Callable[[list[Motion]], tuple[Motion, str]]",
+    combine: "Callable[[list[Motion]], Joined]",
     sources: Sequence[Path],
     joining: Joining,
+    *,
+    edited: int = 0,
+    also: Sequence[Path] = (),
 ) -> None:
-    """Read ``sources``, ``combine`` them, which also says what was done, and write the result."""
+    """Read ``sources``, ``combine`` them and write the result.
+
+    **Arguments:** ``edited``: which of them a report is about, with the others; ``also``: other
+    files that ``combine`` writes.
+    """
     from jaxmotion.cli import _files, _session
+    from jaxmotion.cli._progress import line_about
+    from jaxmotion.cli._report import Report
 
-    out = joining.out
-    check_targets([out], sources, overwrite=joining.overwrite)
+    out, targets = joining.out, [joining.out, *also]
+    check_targets(targets, sources, overwrite=joining.overwrite)
+    job = _files.Job(sources[edited], out)
+    others = [*sources[:edited], *sources[edited + 1 :]]
+    report = Report(
+        joining.report,
+        [job],
+        writes=lambda target: [*files_of(target), *also],
+        others=others,
+        overwrite=joining.overwrite,
+    )
     if joining.dry_run:
-        say(out)
+        say(*targets)
         return
-    _files.clearing([out])()
+    _files.clearing([*targets, *([joining.report] if joining.report else [])])()
     _session.start(cache=joining.running.cache, little=_session.is_little(sources))
-    from jaxmotion.cli._work import finite, write
+    with report, report.attempt(job) as outcome, told_by(outcome):
+        from jaxmotion.cli._work import finite, write
 
-    with warned():
-        motion, summary = combine(read_clips(sources, joining.reading, uses_up=True))
-        write(finite(motion), out, overwrite=joining.overwrite, up=joining.out_up)
-    say(f"{out}: {summary}", err=True)
+        clips = read_clips(sources, joining.reading)
+        joined = combine(clips)
+        write(finite(joined.motion), out, overwrite=joining.overwrite, up=joining.out_up)
+        joined.then()
+        clips.insert(0, clips.pop(edited))
+        outcome.effect = _effect(joined, clips, measured=joining.report is not None)
+    say(line_about(outcome), err=True)
+
+
+def _effect(joined: Joined, clips: "list[Motion]", *, measured: bool) -> "Effect":
+    from jaxmotion.cli._work import Clip, Effect
+    from jaxmotion.metrics import difference
+
+    change = None
+    if measured and joined.original is not None:
+        change = difference(joined.original, joined.motion, world=True)
+    read = tuple(map(Clip.of, clips))
+    made = Clip.of(joined.motion)
+    return Effect(read, made, joined.message, change, joined.skate, joined.learned)
 
 
 def check_targets(targets: Sequence[Path], sources: Sequence[Path], *, overwrite: bool) -> None:
@@ -83,40 +136,43 @@ def check_targets(targets: Sequence[Path], sources: Sequence[Path], *, overwrite
             raise click.ClickException(f"{target} exists; add --overwrite")
 
 
-def read_clips(
-    sources: Sequence[Path], reading: Reading, *, uses_up: bool = False
-) -> "list[Motion]":
+def read_clips(sources: Sequence[Path], reading: Reading) -> "list[Motion]":
     """The clips."""
     from jaxmotion.cli._work import read
 
-    return [read(source, reading, uses_up=uses_up) for source in sources]
+    return [read(source, reading, uses_up=True) for source in sources]
 
 
 @contextmanager
-def warned() -> Iterator[None]:
-    """Tell on stderr what had to be repaired or laid out anew inside the block."""
+def told_by(outcome: "Outcome") -> Iterator[None]:
+    """Note with an outcome, and tell on stderr, what had to be repaired or laid out anew inside the
+    block."""
     from jaxmotion.cli._work import told
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        yield
-    for text in told(caught):
+        try:
+            yield
+        finally:
+            outcome.warnings = told(caught)
+    for text in outcome.warnings:
         say(f"warning: {text}", err=True)
 
 
 def joining_options(function: Callable) -> Callable:
-    """``-o --out-up --overwrite --dry-run`` and those of reading and running; the command is given
-    ``joining``."""
+    """``-o --out-up --overwrite --dry-run --report`` and those of reading and running; the command
+    is given ``joining``."""
 
     @click.option("-o", "--out", type=a_file(), required=True, help="The file to write.")
     @out_up_option
     @click.option("--overwrite", is_flag=True, help="Replace an output that exists.")
     @click.option("-n", "--dry-run", is_flag=True, help="Say what would be written, and stop.")
+    @report_option
     @reading_options
     @running_options
     @functools.wraps(function)
-    def command(*args, out, out_up, overwrite, dry_run, reading, running, **values):
-        joining = Joining(out, out_up, overwrite, dry_run, reading, running)
+    def command(*args, out, out_up, overwrite, dry_run, report, reading, running, **values):
+        joining = Joining(out, out_up, overwrite, dry_run, report, reading, running)
         return function(*args, joining=joining, **values)
 
     return command

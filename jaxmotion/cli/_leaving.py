@@ -15,6 +15,7 @@ from contextlib import contextmanager, suppress
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 
 _acts: list[Callable[[], object]] = []
+_words: list[Callable[[], str]] = []
 _leaving = threading.Event()
 
 
@@ -51,6 +52,21 @@ def last_act(act: Callable[[], object]) -> Iterator[None]:
         _acts.remove(act)
 
 
+@contextmanager
+def last_word(words: Callable[[], str]) -> Iterator[None]:
+    """Have a line said last of all should the process be interrupted while the block runs, by
+    whatever way; an empty one is none."""
+    _words.append(words)
+    try:
+        yield
+    except KeyboardInterrupt:  # no handler was set: the table of commands says it
+        import click
+
+        raise click.Abort(words()) from None
+    finally:
+        _words.remove(words)
+
+
 def always(act: Callable[[], object]) -> None:
     """Have ``act`` done whenever the process leaves before its end."""
     if act not in _acts:
@@ -64,8 +80,9 @@ def leave(code: int, message: bytes = b"") -> None:
         for act in reversed(_acts):
             with suppress(Exception):
                 act()
-        with suppress(OSError):
-            os.write(2, message)
+        with suppress(Exception):
+            lines = [line for words in _words if message and (line := words())]
+            os.write(2, message + "".join(f"{line}\n" for line in lines).encode())
     os._exit(code)
 
 

@@ -11,10 +11,12 @@ table of a command's name only it; what is typed on the command line wins.
 """
 
 import functools
+import math
 import os
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +29,7 @@ NOWHERE = Path(os.devnull)
 
 # Options that say how to go about it, not what comes out.
 _MANNERS = {"out", "overwrite", "resume", "dry-run", "jobs", "fail-fast", "report", "no-cache"}
-_MANNERS |= {"debug"}
+_MANNERS |= {"debug", "path", "plot"}
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,9 @@ class FrameRange(click.ParamType):
             first, end = (int(part) if part.strip() else None for part in str(value).split(":"))
         except ValueError:
             self.fail(f"{value!r} is not a range of frames such as 120:480", param, ctx)
+        start = first or 0
+        if end is not None and (start < 0) == (end < 0) and end <= start:
+            self.fail(f"{value!r} holds no frame; the end is excluded", param, ctx)
         return first, end
 
 
@@ -129,7 +134,8 @@ class Gain(click.ParamType):
 
 
 def running_options(function: Callable) -> Callable:
-    """``--preset --no-cache --debug``; the command is given ``running``."""
+    """``--preset --no-cache --debug``; the command is given ``running``. Numbers of all its
+    options must be finite."""
 
     @click.option(
         "--preset",
@@ -149,6 +155,7 @@ def running_options(function: Callable) -> Callable:
     )
     @functools.wraps(function)
     def command(*args, no_cache: bool, debug: bool, **values):
+        _refuse_infinite(click.get_current_context())
         return function(*args, running=Running(not no_cache, debug), **values)
 
     return command
@@ -201,6 +208,23 @@ def out_up_option(function: Callable) -> Callable:
     )(function)
 
 
+def report_option(function: Callable) -> Callable:
+    """``--report``."""
+    return click.option(
+        "--report",
+        type=click.Path(dir_okay=False, path_type=Path),
+        callback=_report_suffix,
+        help="Write a record of the run to an .html or .json file: options, versions, hashes, what "
+        "changed in every file, what was learned of it. Also if the run fails or is interrupted.",
+    )(function)
+
+
+def reading_report_options(function: Callable) -> Callable:
+    """``--report --overwrite``, for commands that write nothing else."""
+    overwrite = click.option("--overwrite", is_flag=True, help="Replace a report that exists.")
+    return report_option(overwrite(function))
+
+
 def batch_options(function: Callable | None = None, *, out_required: bool = True) -> Callable:
     """FILES, ``-o`` and how to go through them; the command is given ``batch``, whose ``out`` is
     ``NOWHERE`` when ``-o`` may be left out and was."""
@@ -230,12 +254,7 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
         "-j", "--jobs", type=click.IntRange(1), default=1, show_default=True, help="Processes."
     )
     @click.option("--fail-fast", is_flag=True, help="Stop at the first file that fails.")
-    @click.option(
-        "--report",
-        type=click.Path(dir_okay=False, path_type=Path),
-        callback=_report_suffix,
-        help="Write what changed in every file, to an .html or .json file.",
-    )
+    @report_option
     @functools.wraps(function)
     def command(*args, **values):
         values["out"] = values["out"] or NOWHERE
@@ -300,6 +319,21 @@ def format_option(function: Callable) -> Callable:
     )(function)
 
 
+def _refuse_infinite(ctx: click.Context) -> None:
+    for param in ctx.command.params:
+        for number in _numbers(ctx.params.get(param.name or "")):
+            if not math.isfinite(number):
+                raise click.BadParameter(f"{number} is not a finite number", ctx, param)
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """Those in a value, which may be a tuple of such."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, tuple):
+        yield from chain.from_iterable(map(_numbers, value))
+
+
 def _note_debug(ctx: click.Context, param: click.Parameter, value: bool) -> bool:
     ctx.meta["jaxmotion.debug"] = value
     return value
@@ -314,6 +348,7 @@ def _report_suffix(ctx: click.Context, param: click.Parameter, value: Path | Non
 def _load_preset(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
     if value is None:
         return
+    ctx.meta["jaxmotion.preset"] = str(value)
     if kind := irregular(value):
         raise click.BadParameter(f"{value} is {kind}, not a file")
     try:

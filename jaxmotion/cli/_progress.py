@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from jaxmotion._plain import printable
 from jaxmotion.cli import _leaving
 from jaxmotion.cli._terminal import say
-from jaxmotion.cli._work import Outcome
+from jaxmotion.cli._work import Effect, Outcome
 
 _SHOW_CURSOR = b"\x1b[?25h\n"
 
@@ -74,14 +74,16 @@ def line_about(outcome: Outcome) -> str:
         return f"FAILED {source}: {outcome.message.removeprefix(f'{source}: ')}"
     if outcome.status == "skipped":
         return f"{target}: skipped, {outcome.message}"
-    text = f"{target}: {outcome.message or 'written'}"
-    if outcome.effect is not None:
-        change, skate = outcome.effect.change, outcome.effect.skate
-        text = f"{target}: {change.frames_changed} of {change.frames} frames changed"
+    return f"{target}: {_effect(outcome.effect) if outcome.effect else 'written'}"
+
+
+def _effect(effect: Effect) -> str:
+    text, change = effect.message or "written", effect.change
+    if change is not None and not effect.message:
+        text = f"{change.frames_changed} of {change.frames} frames changed"
         if change.frames_changed:
             text += f", by up to {_degrees(change.angle.value)} at {change.angle.joint}"
-        text += f"; {skate}" if skate is not None else ""
-    return text
+    return f"{text}; {effect.skate}" if effect.skate is not None else text
 
 
 def duration(seconds: float) -> str:

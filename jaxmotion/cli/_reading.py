@@ -1,5 +1,6 @@
 """Many files in, none out: what ``info`` and ``check`` go through."""
 
+import time
 import traceback
 import warnings
 from collections.abc import Iterator, Sequence
@@ -8,11 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from jaxmotion._plain import printable
-from jaxmotion.cli import _files, _session
+from jaxmotion.cli import _session
 from jaxmotion.cli._app import described
-from jaxmotion.cli._options import Reading, Running
+from jaxmotion.cli._files import Input, Job
+from jaxmotion.cli._options import NOWHERE, Reading, Running
+from jaxmotion.cli._report import Report
 from jaxmotion.cli._terminal import say
-from jaxmotion.cli._work import read, told
+from jaxmotion.cli._work import Clip, Effect, Learned, Outcome, read, told
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -26,10 +29,23 @@ class Item:
     motion: "Motion | None"
     warnings: list[str]
     error: str = ""
+    seconds: float = 0.0
+
+    def outcome(self, learned: Learned, message: str = "") -> Outcome:
+        """What a report says of it."""
+        job, status = Job(self.path, NOWHERE), "read" if self.motion is not None else "failed"
+        read = () if self.motion is None else (Clip.of(self.motion),)
+        effect = Effect(read, message=message, learned=learned)
+        return Outcome(job, status, self.error, self.warnings, self.seconds, effect)
+
+
+def report_of(inputs: Sequence[Input], path: Path | None, overwrite: bool) -> Report:
+    """The report of files that are read only."""
+    return Report(path, [Job(item.path, NOWHERE) for item in inputs], overwrite=overwrite)
 
 
 def each(
-    files: Sequence[str],
+    inputs: Sequence[Input],
     reading: Reading,
     running: Running,
     *,
@@ -38,11 +54,10 @@ def each(
 ) -> Iterator[Item]:
     """Read file after file; those that fail are told of on stderr if ``complain``; ``uses_up``: as
     :func:`~jaxmotion.cli._work.read`."""
-    inputs = _files.expand(files)
     little = _session.is_little(source.path for source in inputs)
     _session.start(cache=running.cache, little=little)
     for source in inputs:
-        item = Item(source.path, None, [])
+        item, begun = Item(source.path, None, []), time.perf_counter()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             try:
@@ -55,4 +70,5 @@ def each(
                     name = printable(source.path)
                     say(f"FAILED {name}: {item.error.removeprefix(f'{name}: ')}", err=True)
         item.warnings = told(caught, source.path)
+        item.seconds = time.perf_counter() - begun
         yield item

@@ -9,14 +9,16 @@ import traceback
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from jaxmotion._plain import printable
 from jaxmotion.cli._app import described
-from jaxmotion.cli._feet import Skate, find_feet, with_contacts
+from jaxmotion.cli._feet import Skate, find_feet, keep_contacts, with_contacts
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Reading, Selection
+from jaxmotion.cli._padding import pad, unpadded
 from jaxmotion.cli._terminal import Notice
 
 if TYPE_CHECKING:
@@ -25,9 +27,14 @@ if TYPE_CHECKING:
     from jaxmotion.metrics import Difference
 
 
+# What was learned of a clip, by name: a value, or rows of a table, which have the same keys.
+Learned: TypeAlias = dict[str, Any]
+
+
 @dataclass
 class Outcome:
-    """What became of one file: ``status`` is "written", "skipped", "planned" or "failed"."""
+    """What became of one file: ``status`` is "written", "read" (where nothing is written),
+    "skipped" or "failed"."""
 
     job: Job
     status: str
@@ -39,20 +46,52 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Effect:
-    """What an edit did to a motion: ``skate``, to its feet; ``None`` if none touch."""
+class Clip:
+    """Frames, frames a second, and metres a unit, None where it is not told."""
 
-    change: "Difference"
-    skate: Skate | None
+    frames: int
+    rate: float
+    unit: float | None
+
+    @classmethod
+    def of(cls, motion: "Motion") -> "Clip":
+        """Of a motion."""
+        rate = round(1.0 / float(motion.frame_time), 6)
+        unit = motion.skeleton.conventions.metres
+        return cls(motion.num_frames, rate, None if unit is None else float(unit))
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What came of the clips that were ``read``, the file's own first: ``made``, the clip that is
+    written; a ``message``, if there is more to say than ``change``, how it differs; ``skate``, how
+    its feet slide, None if none touch; what was ``learned`` on the way, if a report asks."""
+
+    read: tuple[Clip, ...]
+    made: Clip | None = None
+    message: str = ""
+    change: "Difference | None" = None
+    skate: Skate | None = None
+    learned: Learned = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Edited:
+    """What an edit makes of a clip, and a function to ask, if there is a report, for what it
+    learned of it."""
+
+    motion: "Motion"
+    learned: Callable[[], Learned] = dict
 
 
 @dataclass(frozen=True)
 class Editing:
-    """What :func:`edit_file` does to every file: ``edit(motion, length)`` returns a motion of the
+    """What :func:`edit_file` does to every file: ``edit(motion, length)`` makes a motion of the
     same shape; ``keep``: whether contacts are kept, ``None`` where the feet would slide more;
-    ``find(motion, length)`` finds them; ``measured`` asks for changes in world positions."""
+    ``find(motion, length)`` finds them, ``restore`` keeps them as :func:`with_contacts` has it;
+    ``measured`` asks for what only a report shows: moves in the world, and what is learned."""
 
-    edit: "Callable[[Motion, int], Motion]"
+    edit: "Callable[[Motion, int], Edited]"
     selection: Selection
     reading: Reading
     out_up: str | None = None
@@ -60,21 +99,17 @@ class Editing:
     measured: bool = False
     keep: bool | None = None
     find: "Callable[[Motion, int], Contacts]" = find_feet
+    restore: "Callable[[Motion, Motion, Contacts, int], Motion]" = keep_contacts
 
 
-def guarded(process: "Callable[[Job], Effect | str | None]", job: Job) -> Outcome:
-    """Run ``process`` on a job; what it returns is the effect or a message, and whatever goes wrong
-    becomes a failed outcome."""
+def guarded(process: Callable[[Job], Effect], job: Job) -> Outcome:
+    """Run ``process`` on a job; whatever goes wrong becomes a failed outcome."""
     begun = time.perf_counter()
     outcome = Outcome(job, "written")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            result = process(job)
-            if isinstance(result, str):
-                outcome.message = result
-            else:
-                outcome.effect = result
+            outcome.effect = process(job)
         except Exception as error:
             outcome.status = "failed"
             outcome.message = described(error)
@@ -104,14 +139,19 @@ def edit_file(editing: Editing, job: Job) -> Effect:
     motion = read(job.source, editing.reading, uses_up=True)
     padded, length = pad(motion)
     selection = editing.selection
-    edited = confined(padded, editing.edit(padded, length), length, selection)
-    kept, skate = with_contacts(padded, edited, length, editing.keep, editing.find)
+    edit = editing.edit(padded, length)
+    edited = confined(padded, edit.motion, length, selection)
+    contacts = editing.find(padded, length)
     # What restores contacts stays in the selection too, at its full strength.
-    kept = confined(edited, kept, length, replace(selection, strength=1.0))
+    within = partial(confined, edited, length=length, selection=replace(selection, strength=1.0))
+    kept, skate = with_contacts(
+        padded, edited, contacts, length, editing.keep, restore=editing.restore, within=within
+    )
     result = finite(unpadded(kept, length))
     change = metrics.difference(motion, result, world=editing.measured)
     write(result, job.target, overwrite=editing.overwrite, up=editing.out_up)
-    return Effect(change, skate)
+    learned = edit.learned() if editing.measured else {}
+    return Effect((Clip.of(motion),), Clip.of(result), "", change, skate, learned)
 
 
 def finite(motion: "Motion") -> "Motion":
@@ -151,23 +191,6 @@ def write(
 
     path.parent.mkdir(parents=True, exist_ok=True)
     jm.save(motion, path, overwrite=overwrite, up=up, **format_options)  # type: ignore[arg-type]
-
-
-def pad(motion: "Motion") -> "tuple[Motion, int]":
-    """The clip at the next of a few lengths, and how many frames count."""
-    from jaxmotion.frames.padding import in_buckets
-
-    padded = motion.with_transforms(*in_buckets(motion.translations, motion.rotations))
-    return padded, motion.num_frames
-
-
-def unpadded(motion: "Motion", length: int) -> "Motion":
-    """The frames that count, in NumPy arrays."""
-    import numpy as np
-
-    return motion.with_transforms(
-        np.asarray(motion.translations)[:length], np.asarray(motion.rotations)[:length]
-    )
 
 
 def confined(original: "Motion", edited: "Motion", length: int, selection: Selection) -> "Motion":

@@ -8,15 +8,8 @@ import click
 
 from jaxmotion import __version__
 from jaxmotion._plain import as_json
-from jaxmotion.cli._joining import (
-    Joining,
-    a_file,
-    check_targets,
-    joining_options,
-    read_clips,
-    warned,
-)
-from jaxmotion.cli._terminal import say
+from jaxmotion.cli._joining import Joined, Joining, a_file, join, joining_options
+from jaxmotion.cli._options import keep_contacts_option
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -71,6 +64,7 @@ def _plot_suffix(ctx: click.Context, param: click.Parameter, value: Path | None)
     callback=_plot_suffix,
     help="Draw the pairs of frames into this .png, .svg or .pdf file.",
 )
+@keep_contacts_option
 @joining_options
 def command(
     source: Path,
@@ -81,6 +75,7 @@ def command(
     few_joints: bool,
     path: Path | None,
     plot: Path | None,
+    keep_contacts: bool | None,
     joining: Joining,
 ) -> None:
     """Give SOURCE the timing of REFERENCE: what happens in both happens at the same time.
@@ -91,50 +86,59 @@ def command(
     \b
     jaxmotion align walk.bvh limp.bvh -o walk-in-time.bvh --path path.json --plot path.png
     """
-    from jaxmotion.cli import _files, _session
+    from jaxmotion.cli import _files
 
     if method == "warping" and steps != "symmetric":
         raise click.UsageError("--steps goes with --method dtw")
-    out, overwrite = joining.out, joining.overwrite
-    targets = [file for file in (out, path, plot) if file is not None]
-    check_targets(targets, [source, reference], overwrite=overwrite)
-    if len({_files.real(file) for file in targets}) < len(targets):
-        raise click.UsageError("-o, --path and --plot name the same file")
-    if joining.dry_run:
-        say(*targets)
-        return
-    if plot is not None:
+    also = [file for file in (path, plot) if file is not None]
+    named = [file for file in (joining.out, joining.report, *also) if file is not None]
+    if len(set(map(_files.real, named))) < len(named):
+        raise click.UsageError("-o, --path, --plot and --report name the same file")
+    if plot is not None and not joining.dry_run:
         _require_matplotlib()
-    _files.clearing(targets)()
-    _session.start(cache=joining.running.cache, little=_session.is_little([source, reference]))
-    from jaxmotion.cli._work import finite, write
-    from jaxmotion.timing import align
 
-    with warned():
-        clips = read_clips([source, reference], joining.reading)
-        compared = _compared(*clips, few=few_joints)
+    def combine(clips: "list[Motion]") -> Joined:
+        from jaxmotion.cli._feet import with_timed_feet
+        from jaxmotion.timing import align
+
+        compared, joints = _compared(*clips, few=few_joints)
         found = align(*clips, method=method, step_pattern=steps, settle=settle)
-        write(finite(found.motion), out, overwrite=overwrite, up=joining.out_up)
-    if path is not None:
-        _write_path(found, path, source, reference, method, overwrite=overwrite)
-    if plot is not None:
-        _write_plot(found, plot, source, reference, overwrite=overwrite)
-    say(f"{out}: {_summary(found)}; {compared}", err=True)
+        copy, skate = with_timed_feet(clips[0], found.motion, found.source_frame, keep_contacts)
+
+        def then() -> None:
+            if path is not None:
+                _write_path(found, path, source, reference, method, overwrite=joining.overwrite)
+            if plot is not None:
+                _write_plot(found, plot, source, reference, overwrite=joining.overwrite)
+
+        pairs = _pairs(found)
+        held, hurried = (
+            sum(b[axis] == a[axis] for a, b in itertools.pairwise(pairs)) for axis in (0, 1)
+        )
+        message = (
+            f"{pairs[-1][0] + 1} frames in the time of {pairs[-1][1] + 1}, held {held} times, "
+            f"hurried {hurried} times; joints differ by {_degrees(found):.3g}° (rms); "
+            f"{compared} of {joints} joints compared"
+        )
+        learned = {"rms_degrees": _degrees(found), "held": held, "hurried": hurried}
+        learned |= {"joints_compared": compared, "joints": joints}
+        return Joined(copy, message, skate=skate, learned=learned, then=then)
+
+    join(combine, [source, reference], joining, also=also)
 
 
-def _compared(source: "Motion", reference: "Motion", *, few: bool) -> str:
-    """How many joints are compared, of the skeleton that has fewer; refused below half of them,
-    unless ``few``."""
+def _compared(source: "Motion", reference: "Motion", *, few: bool) -> tuple[int, int]:
+    """How many joints are compared, and how many the skeleton has that has fewer; refused below
+    half of them, unless ``few``."""
     from jaxmotion.timing.align import compared_joints
 
     count = len(compared_joints(source.skeleton, reference.skeleton))
     # The root is not compared, unless it is all there is.
     joints = max(1, min(source.num_joints, reference.num_joints) - 1)
-    text = f"{count} of {joints} joints compared"
     if not few and 0 < 2 * count < joints:
         text = f"only {count} of {joints} joints have one of the same name in the other clip"
         raise click.ClickException(f"{text}; --few-joints aligns by those")
-    return text
+    return count, joints
 
 
 def _require_matplotlib() -> None:
@@ -185,14 +189,3 @@ def _degrees(found: "Alignment") -> float:
     import math
 
     return math.degrees(float(found.distance))
-
-
-def _summary(found: "Alignment") -> str:
-    pairs = _pairs(found)
-    held, skipped = (
-        sum(b[axis] == a[axis] for a, b in itertools.pairwise(pairs)) for axis in (0, 1)
-    )
-    return (
-        f"{pairs[-1][0] + 1} frames in the time of {pairs[-1][1] + 1}, held {held} times, hurried "
-        f"{skipped} times; joints differ by {_degrees(found):.3g}° (rms)"
-    )

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jaxmotion.cli._feet import with_contacts
-from jaxmotion.cli._joining import Joining, a_file, join, joining_options
+from jaxmotion.cli._feet import with_feet
+from jaxmotion.cli._joining import Joined, Joining, a_file, join, joining_options
 from jaxmotion.cli._options import keep_contacts_option
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def command(
     jaxmotion blend walk.bvh limp.bvh turn.bvh -o limping-turn.bvh
     """
 
-    def combine(clips: "list[Motion]") -> "tuple[Motion, str]":
+    def combine(clips: "list[Motion]") -> Joined:
         from jaxmotion.multiresolution import blend
 
         lengths = [clip.num_frames for clip in clips]
@@ -50,8 +50,7 @@ def command(
                 f"the clips have {numbers} frames; jaxmotion align gives one the timing of another"
             )
         mixed, frames = blend(*clips, levels=levels), clips[0].num_frames
-        motion, skate = with_contacts(clips[-1], mixed, frames, keep_contacts)
-        return motion, f"{frames} frames" + (f"; {skate}" if skate else "")
+        motion, skate = with_feet(clips[-1], mixed, keep_contacts)
+        return Joined(motion, f"{frames} frames", clips[-1], skate)
 
-    sources = [reference, first, second]
-    join(combine, sources, joining)
+    join(combine, [reference, first, second], joining, edited=2)

@@ -1,5 +1,6 @@
 """``jaxmotion check``: is anything wrong with a file?"""
 
+from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from jaxmotion.cli._options import (
     Running,
     files_argument,
     reading_options,
+    reading_report_options,
     running_options,
 )
 from jaxmotion.cli._terminal import say, say_json
@@ -30,6 +32,7 @@ _SHOWN = 6
     "--ignore", multiple=True, metavar="KIND", help="Leave out a kind of finding; may be repeated."
 )
 @click.option("--strict", is_flag=True, help="Let notes count as problems.")
+@reading_report_options
 @running_options
 def command(
     files: tuple[str, ...],
@@ -38,6 +41,8 @@ def command(
     as_json: bool,
     ignore: tuple[str, ...],
     strict: bool,
+    report: Path | None,
+    overwrite: bool,
 ) -> None:
     """Look for problems, by frame and joint; exit code 3 if there are any.
 
@@ -56,7 +61,8 @@ def command(
     \b
     jaxmotion check takes --ignore gimbal
     """
-    from jaxmotion.cli._reading import each
+    from jaxmotion.cli._files import expand
+    from jaxmotion.cli._reading import each, report_of
     from jaxmotion.metrics import KINDS, Problem, find_problems
 
     kinds = ("unreadable", "repaired", *KINDS)
@@ -65,25 +71,34 @@ def command(
     found = []
     bad = 0
     places: dict[tuple[bool, str], list[Path]] = {}
-    for item in each(files, reading, running, complain=False):
-        problems = [Problem("repaired", text) for text in item.warnings]
-        if item.motion is None:
-            problems.append(Problem("unreadable", item.error))
-        else:
-            problems += find_problems(item.motion)
-        problems = [p for p in problems if p.kind not in ignore]
-        bad += any(p.serious or strict for p in problems)
-        for problem in problems:
-            places.setdefault((not problem.serious, problem.kind), []).append(item.path)
-        entries = [{**asdict(p), "serious": p.serious} for p in problems]
-        found.append({"file": str(item.path), "problems": entries})
-        if not as_json:
-            say(*_as_text(item.path, problems))
+    inputs = expand(files)
+    with report_of(inputs, report, overwrite) as record:
+        for item in each(inputs, reading, running, complain=False):
+            problems = [Problem("repaired", text) for text in item.warnings]
+            if item.motion is None:
+                problems.append(Problem("unreadable", item.error))
+            else:
+                problems += find_problems(item.motion)
+            problems = [p for p in problems if p.kind not in ignore]
+            bad += any(p.serious or strict for p in problems)
+            for problem in problems:
+                places.setdefault((not problem.serious, problem.kind), []).append(item.path)
+            entries = [{**asdict(p), "serious": p.serious} for p in problems]
+            found.append({"file": str(item.path), "problems": entries})
+            record.add(item.outcome({"problems": entries}, _summary(problems)))
+            if not as_json:
+                say(*_as_text(item.path, problems))
     if as_json:
         say_json(found)
     elif len(found) > 1:
         say(f"{bad} of {len(found)} files have problems.", *_by_kind(places), err=True)
     raise click.exceptions.Exit(3 if bad else 0)
+
+
+def _summary(problems: "list[Problem]") -> str:
+    """How many of each kind."""
+    counts = Counter(problem.kind for problem in problems)
+    return ", ".join(f"{kind}: {count}" for kind, count in counts.items()) or "ok"
 
 
 def _by_kind(places: dict[tuple[bool, str], list[Path]]) -> list[str]:

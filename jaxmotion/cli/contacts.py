@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jaxmotion._plain import printable
-from jaxmotion.cli._feet import for_frames, in_blocks
+from jaxmotion.cli._feet import keep_contacts
 from jaxmotion.cli._options import (
     NOWHERE,
     Batch,
@@ -17,6 +17,7 @@ from jaxmotion.cli._options import (
     running_options,
 )
 from jaxmotion.cli._terminal import say, say_json
+from jaxmotion.cli._work import Edited
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -82,8 +83,8 @@ def command(
     from jaxmotion.cli._batch import edit_files
 
     everything = Selection(strength=1.0, joints=(), frames=(None, None), fade=0)
-    changes = partial(edit, finding=finding, way=restore)
-    edit_files(changes, batch, running, everything, keep=False, find=finding)
+    finding, restoring = partial(find_any, finding=finding), partial(restored, way=restore)
+    edit_files(unedited, batch, running, everything, keep=True, find=finding, restore=restoring)
 
 
 def find(
@@ -98,34 +99,50 @@ def find(
     )
 
 
-def edit(motion: "Motion", length: int, *, finding: Any, way: str) -> "Motion":
-    """The library's cleanup on a padded clip, with the clip's own contacts."""
-    import jaxmotion as jm
-
-    found = for_frames(finding(in_blocks(motion, length), length), motion)
+def find_any(motion: "Motion", length: int, *, finding: Any) -> "Contacts":
+    """Contacts, of a clip that must have something to touch with."""
+    found = finding(motion, length)
     if not found.names:
         raise ValueError(_NO_FEET)
+    return found
+
+
+def unedited(motion: "Motion", length: int) -> Edited:
+    """The clip as it is: its own contacts are to be restored."""
+    return Edited(motion)
+
+
+def restored(
+    edited: "Motion", original: "Motion", contacts: "Contacts", length: int, *, way: str
+) -> "Motion":
+    """The library's cleanup on a padded clip."""
+    import jaxmotion as jm
+
     if way == "spacetime":
-        return jm.spacetime.keep_contacts(motion, original=motion, contacts=found, length=length)
+        return keep_contacts(edited, original, contacts, length)
     cleanup = jm.contacts.cleanup_footskate if way == "legs" else jm.contacts.cleanup_root
-    return cleanup(motion, found, length=length)
+    return cleanup(edited, contacts, length=length)
 
 
 def _list(batch: Batch, running: Running, finding: Any, as_json: bool) -> None:
-    from jaxmotion.cli._reading import each
+    from jaxmotion.cli._files import expand
+    from jaxmotion.cli._reading import each, report_of
 
     found = []
     failed = False
-    for item in each(batch.files, batch.reading, running, uses_up=True):
-        failed |= item.motion is None
-        if item.motion is None:
-            continue
-        facts = _facts(item.motion, finding)
-        entry = {"file": str(item.path), **facts, "warnings": item.warnings}
-        found.append(entry)
-        if not as_json:
-            say(*_as_text(item.path, entry))
-            say(*(f"  warning: {text}" for text in item.warnings), err=True)
+    inputs = expand(batch.files)
+    with report_of(inputs, batch.report, batch.overwrite) as report:
+        for item in each(inputs, batch.reading, running, uses_up=True):
+            failed |= item.motion is None
+            facts = _facts(item.motion, finding) if item.motion else {}
+            report.add(item.outcome(facts))
+            if item.motion is None:
+                continue
+            entry = {"file": str(item.path), **facts, "warnings": item.warnings}
+            found.append(entry)
+            if not as_json:
+                say(*_as_text(item.path, entry))
+                say(*(f"  warning: {text}" for text in item.warnings), err=True)
     if as_json:
         say_json(found)
     raise click.exceptions.Exit(1 if failed else 0)
@@ -135,9 +152,9 @@ def _facts(motion: "Motion", finding: Any) -> dict[str, Any]:
     import numpy as np
 
     from jaxmotion import contacts, metrics
+    from jaxmotion.cli._padding import pad
 
-    length = motion.num_frames
-    padded = in_blocks(motion, length)
+    padded, length = pad(motion)
     found = finding(padded, length)
     share = np.asarray(found.mask).sum(axis=0) / length
     return {

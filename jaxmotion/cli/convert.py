@@ -1,12 +1,15 @@
 """``jaxmotion convert``: from any format that is read to any that is written."""
 
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Batch, Running, batch_options, format_option, running_options
+
+if TYPE_CHECKING:
+    from jaxmotion.cli._work import Effect
 
 
 @click.command(short_help="Change the file format.")
@@ -41,8 +44,9 @@ def command(batch: Batch, running: Running, to: str | None, no_still_positions: 
     run(partial(_convert, batch, options), jobs, batch, running)
 
 
-def _convert(batch: Batch, options: dict[str, Any], job: Job) -> None:
-    from jaxmotion.cli._work import read, write
+def _convert(batch: Batch, options: dict[str, Any], job: Job) -> "Effect":
+    from jaxmotion.cli._work import Clip, Effect, read, write
 
     motion = read(job.source, batch.reading)
     write(motion, job.target, overwrite=batch.overwrite, up=batch.out_up, **options)
+    return Effect((Clip.of(motion),), Clip.of(motion))

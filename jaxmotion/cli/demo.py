@@ -23,7 +23,9 @@ _ALPHA = 2.0
     show_default=True,
     help="Folder to write to.",
 )
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the noise.")
+@click.option(
+    "--seed", type=click.IntRange(0, 2**32 - 1), default=0, show_default=True, help="Of the noise."
+)
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @running_options
 def command(out: Path, seed: int, overwrite: bool, running: Running) -> None:

@@ -14,6 +14,7 @@ from jaxmotion.cli._options import (
     running_options,
     selection_options,
 )
+from jaxmotion.cli._work import Edited
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -69,8 +70,10 @@ def command(
     edit_files(partial(edit, options=options), batch, running, selection, keep=keep_contacts)
 
 
-def edit(motion: "Motion", length: int, *, options: dict[str, Any]) -> "Motion":
+def edit(motion: "Motion", length: int, *, options: dict[str, Any]) -> Edited:
     """The library's denoiser on a padded clip; what is not given is left to it."""
-    import jaxmotion as jm
+    from jaxmotion.cli._learned import of_noise
+    from jaxmotion.layers.synthesize import denoised
 
-    return jm.denoise(motion, length=length, **options)
+    found = denoised(motion, length=length, **options)
+    return Edited(found.motion, partial(of_noise, motion, length, found.tuning))

@@ -12,6 +12,7 @@ from jaxmotion.cli._options import (
     Running,
     files_argument,
     reading_options,
+    reading_report_options,
     running_options,
 )
 from jaxmotion.cli._terminal import say, say_json
@@ -27,9 +28,16 @@ _HEADINGS = " frames     rate   seconds joints    height  up  file"
 @reading_options
 @click.option("--json", "as_json", is_flag=True, help="As JSON, a list with one entry a file.")
 @click.option("--tree", is_flag=True, help="Draw the skeleton.")
+@reading_report_options
 @running_options
 def command(
-    files: tuple[str, ...], running: Running, reading: Reading, as_json: bool, tree: bool
+    files: tuple[str, ...],
+    running: Running,
+    reading: Reading,
+    as_json: bool,
+    tree: bool,
+    report: Path | None,
+    overwrite: bool,
 ) -> None:
     """What a file holds: joints, frames, rate, channels, size; of several files, a row each.
 
@@ -39,26 +47,30 @@ def command(
     jaxmotion info takes --json
     """
     from jaxmotion.cli._files import expand
-    from jaxmotion.cli._reading import each
+    from jaxmotion.cli._reading import each, report_of
 
     found = []
     failed = False
-    in_rows = len(expand(files)) > 1 and not (as_json or tree)
-    if in_rows:
-        say(_HEADINGS)
-    for item in each(files, reading, running, uses_up=True):
-        failed |= item.motion is None
-        if item.motion is None:
-            continue
-        facts = {"file": str(item.path), **describe(item.motion), "warnings": item.warnings}
-        found.append(facts)
+    inputs = expand(files)
+    in_rows = len(inputs) > 1 and not (as_json or tree)
+    with report_of(inputs, report, overwrite) as record:
         if in_rows:
-            say(_as_row(item.path, facts))
-            say(*(f"  warning: {text}" for text in item.warnings), err=True)
-        elif not as_json:
-            say(*_as_text(item.path, facts))
-            if tree:
-                _draw(item.motion.skeleton)
+            say(_HEADINGS)
+        for item in each(inputs, reading, running, uses_up=True):
+            failed |= item.motion is None
+            learned = describe(item.motion) if item.motion else {}
+            record.add(item.outcome(learned))
+            if item.motion is None:
+                continue
+            facts = {"file": str(item.path), **learned, "warnings": item.warnings}
+            found.append(facts)
+            if in_rows:
+                say(_as_row(item.path, facts))
+                say(*(f"  warning: {text}" for text in item.warnings), err=True)
+            elif not as_json:
+                say(*_as_text(item.path, facts))
+                if tree:
+                    _draw(item.motion.skeleton)
     if as_json:
         say_json(found)
     if in_rows:

@@ -11,6 +11,7 @@ from jaxmotion.cli._options import Batch, Running, batch_options, running_option
 if TYPE_CHECKING:
     import numpy as np
 
+    from jaxmotion.cli._work import Effect
     from jaxmotion.layers import MotionLayers
 
 _NAMES = ("base.bvh", "denoised.bvh", "layers.npz")
@@ -46,9 +47,11 @@ def command(batch: Batch, running: Running, scope: str) -> None:
     run(process, jobs, batch, running, writes=lambda folder: [folder / name for name in _NAMES])
 
 
-def _decompose(batch: Batch, scope: str, job: Job) -> str:
+def _decompose(batch: Batch, scope: str, job: Job) -> "Effect":
     import jaxmotion as jm
-    from jaxmotion.cli._work import pad, read, unpadded, write
+    from jaxmotion.cli._learned import of_base
+    from jaxmotion.cli._padding import pad, unpadded
+    from jaxmotion.cli._work import Clip, Effect, read, write
     from jaxmotion.io.conventions import turned_for
 
     # All outputs are of one world: turned before anything is taken apart.
@@ -60,7 +63,9 @@ def _decompose(batch: Batch, scope: str, job: Job) -> str:
     base, denoised_name, _ = _NAMES
     write(unpadded(layers.base, length), job.target / base, overwrite=overwrite, up=up)
     write(denoised, job.target / denoised_name, overwrite=overwrite, up=up)
-    return _write_displacements(layers, length, job, overwrite)
+    message = _write_displacements(layers, length, job, overwrite)
+    learned = of_base(layers) if batch.report is not None else {}
+    return Effect((Clip.of(motion),), Clip.of(denoised), message, learned=learned)
 
 
 def _write_displacements(layers: "MotionLayers", length: int, job: Job, overwrite: bool) -> str:

@@ -16,9 +16,13 @@ from jaxmotion.cli._options import (
     selection_options,
 )
 from jaxmotion.cli._terminal import Notice
+from jaxmotion.cli._work import Edited
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
+
+
+_DEEPEST = 6  # levels of detail, where nobody says how many
 
 
 class Gains(click.ParamType):
@@ -82,6 +86,10 @@ def command(
         raise click.UsageError("say what: --gains 1,1.5,1, or --level 3; one of them")
     if gains is not None and levels is not None and levels != len(gains):
         raise click.UsageError(f"--levels {levels} and {len(gains)} --gains disagree")
+    deepest = _DEEPEST if levels is None else levels
+    if level is not None and level > deepest:
+        there = f"there is {deepest} level" if deepest == 1 else f"there are {deepest} levels"
+        raise click.UsageError(f"--level {level:g}: {there} of detail; --levels makes more")
     changes = partial(edit, gains=gains, level=level, levels=levels)
     edit_files(changes, batch, running, selection, keep=keep_contacts)
 
@@ -93,19 +101,15 @@ def edit(
     gains: tuple[float, ...] | None,
     level: float | None,
     levels: int | None,
-) -> "Motion":
+) -> Edited:
     """The library's gains or level of detail on a padded clip, with no more levels than it has: the
     finest, which are as fine in a short clip as in a long one."""
     import numpy as np
 
     from jaxmotion.multiresolution import build_pyramid, level_of_detail, scale_details
     from jaxmotion.multiresolution.cascade import level_sizes
-    from jaxmotion.multiresolution.pyramid import DEEPEST, level_count
+    from jaxmotion.multiresolution.pyramid import level_count
 
-    deepest = DEEPEST if levels is None else levels
-    if level is not None and level > deepest:
-        text = f"--level {level:g}: there are {_counted(deepest, 'level')} of detail"
-        raise ValueError(f"{text}; --levels makes more")
     wanted = len(gains) if gains is not None else levels
     most = len(level_sizes(length)) - 1
     number = level_count(length, wanted if wanted is None else min(wanted, most), "multires")
@@ -114,9 +118,10 @@ def edit(
         warnings.warn(text, Notice, stacklevel=2)
     pyramid = build_pyramid(motion, number, length=length)
     if gains is not None:
-        kept = np.asarray(gains)[len(gains) - number :]
-        return scale_details(pyramid, kept)
-    return level_of_detail(pyramid, level or 0.0)
+        edited = scale_details(pyramid, np.asarray(gains)[len(gains) - number :])
+    else:
+        edited = level_of_detail(pyramid, level or 0.0)
+    return Edited(edited, lambda: {"levels": number})
 
 
 def _counted(number: int, thing: str) -> str:

@@ -1,5 +1,6 @@
 """``jaxmotion retime``: another frame rate, another timing."""
 
+import itertools
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -7,10 +8,18 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jaxmotion.cli._files import Job
-from jaxmotion.cli._options import Batch, Running, batch_options, running_options
+from jaxmotion.cli._options import (
+    Batch,
+    Running,
+    batch_options,
+    keep_contacts_option,
+    running_options,
+)
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
+    from jaxmotion._types import ArrayLike
+    from jaxmotion.cli._work import Effect
 
 _POSITIVE = click.FloatRange(min=0, min_open=True)
 _SECONDS = click.FloatRange(min=0)
@@ -34,12 +43,13 @@ class When(click.ParamType):
 
 @dataclass(frozen=True)
 class Timing:
-    """What was asked for: ``warp`` are options of ``time_warp``, ``rate`` of ``resample``; empty
-    where nothing was."""
+    """What was asked for: ``warp`` are options of ``time_warp``, ``rate`` of ``resample``, empty
+    where nothing was; ``method``: of both."""
 
     warp: dict[str, Any]
     keep_duration: bool
     rate: dict[str, Any]
+    method: Any
 
 
 @click.command(short_help="Change the frame rate or the timing.")
@@ -77,6 +87,7 @@ class Timing:
     show_default=True,
     help="How poses between frames are found: smoothest, local cubic, or constant speed.",
 )
+@keep_contacts_option
 @running_options
 def command(
     batch: Batch,
@@ -89,11 +100,12 @@ def command(
     ease_out: float,
     keep_duration: bool,
     method: str,
+    keep_contacts: bool | None,
 ) -> None:
     """Change the frame rate, or when things happen; both if both are asked for.
 
     The first pose stays the first. --to-fps keeps all frames that the duration holds, so the last
-    pose may fall between two frames; --frames keeps it. Feet that slide are left alone.
+    pose may fall between two frames; --frames keeps it.
 
     \b
     jaxmotion retime take.bvh -o film.bvh --to-fps 24
@@ -107,40 +119,57 @@ def command(
         raise click.UsageError("--to-fps and --frames both set the rate; give one of them")
     if slow is not None and pairs:
         raise click.UsageError("--slow and --at both set the timing; give one of them")
+    marks = [(0.0, 0.0), *(pairs[1:] if pairs[:1] == ((0.0, 0.0),) else pairs)]
+    for (a, b), (c, d) in itertools.pairwise(marks):
+        if c <= a or d <= b:
+            told = f"{c:g}={d:g} does not come after {a:g}={b:g}"
+            raise click.UsageError(f"--at must increase on both sides, from 0; {told}")
     warp, rate = {}, {}
     if slow is not None or pairs or ease_in or ease_out:
         ease = (ease_in, ease_out)
-        warp = {"amount": slow, "pairs": pairs or None, "ease": ease, "method": method}
+        warp = {"amount": slow, "pairs": pairs or None, "ease": ease}
     elif keep_duration:
         raise click.UsageError("--keep-duration goes with --slow, --at, --ease-in or --ease-out")
     if to_fps is not None or frames is not None:
-        rate = {"fps": to_fps, "num_frames": frames, "method": method}
+        rate = {"fps": to_fps, "num_frames": frames}
     if not warp and not rate:
         raise click.UsageError("say what: --to-fps 24, --frames 300, --slow 0.25 or --at 1=1.5")
-    timing = Timing(warp, keep_duration, rate)
+    timing = Timing(warp, keep_duration, rate, method)
     jobs = _files.plan(_files.expand(batch.files, avoid=batch.out), batch.out)
-    run(partial(_retime, batch, timing), jobs, batch, running)
+    run(partial(_retime, batch, timing, keep_contacts), jobs, batch, running)
 
 
-def _retime(batch: Batch, timing: Timing, job: Job) -> str:
-    from jaxmotion.cli._work import finite, read, write
+def _retime(batch: Batch, timing: Timing, keep: bool | None, job: Job) -> "Effect":
+    from jaxmotion.cli._feet import with_timed_feet
+    from jaxmotion.cli._work import Clip, Effect, finite, read, write
 
-    before = read(job.source, batch.reading)
-    after = finite(edit(before, timing))
-    write(after, job.target, overwrite=batch.overwrite, up=batch.out_up)
-    return f"{_length(before)} to {_length(after)}"
+    before = read(job.source, batch.reading, uses_up=True)
+    retimed, source_frames = edit(before, timing)
+    after, skate = with_timed_feet(before, retimed, source_frames, keep)
+    write(finite(after), job.target, overwrite=batch.overwrite, up=batch.out_up)
+    message = f"{_length(before)} to {_length(after)}"
+    return Effect((Clip.of(before),), Clip.of(after), message, skate=skate)
 
 
-def edit(motion: "Motion", timing: Timing) -> "Motion":
-    """The library's time warp, then its resampling, as far as they are asked for."""
+def edit(motion: "Motion", timing: Timing) -> "tuple[Motion, ArrayLike]":
+    """The library's time warp, then its resampling, as far as they are asked for, and the frame of
+    the clip, a fraction too, that each frame of the result shows."""
+    import numpy as np
+
     import jaxmotion as jm
+    from jaxmotion.layers.time_warp import warped_frames
+    from jaxmotion.timing.resample import resampled_frames
 
+    result, at = motion, np.arange(motion.num_frames)
     if timing.warp:
         frames = motion.num_frames if timing.keep_duration else None
-        motion = jm.time_warp(motion, num_frames=frames, **timing.warp)
+        result = jm.time_warp(motion, num_frames=frames, method=timing.method, **timing.warp)
+        at = warped_frames(motion, num_frames=frames, **timing.warp)
     if timing.rate:
-        motion = jm.resample(motion, **timing.rate)
-    return motion
+        of_result, _ = resampled_frames(result, **timing.rate)
+        at = np.interp(of_result, np.arange(result.num_frames), at)
+        result = jm.resample(result, method=timing.method, **timing.rate)
+    return result, at
 
 
 def _length(motion: "Motion") -> str:

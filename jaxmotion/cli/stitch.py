@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jaxmotion.cli._feet import with_contacts
-from jaxmotion.cli._joining import Joining, join, joining_options
+from jaxmotion.cli._feet import with_feet
+from jaxmotion.cli._joining import Joined, Joining, join, joining_options
 from jaxmotion.cli._options import keep_contacts_option
 
 if TYPE_CHECKING:
@@ -48,18 +48,20 @@ def command(
     """
     from jaxmotion.cli import _files
 
-    def combine(clips: "list[Motion]") -> "tuple[Motion, str]":
+    def combine(clips: "list[Motion]") -> Joined:
         from jaxmotion.multiresolution.stitching import stitched
 
         seconds = float(clips[0].frame_time)
         found = stitched(clips, levels, align=not no_align, search=round(search / seconds))
         frames = found.motion.num_frames
-        motion, skate = with_contacts(found.end_to_end, found.motion, frames, keep_contacts)
+        motion, skate = with_feet(found.end_to_end, found.motion, keep_contacts)
         dropped = sum(clip.num_frames for clip in clips) - len(clips) + 1 - frames
-        seams = [f"frame {frame} ({frame * seconds:.4g} s)" for frame in found.seams]
+        seams = [{"frame": frame, "seconds": frame * seconds} for frame in found.seams]
+        told = [f"frame {seam['frame']} ({seam['seconds']:.4g} s)" for seam in seams]
         text = f"{len(clips)} clips in {frames} frames, {dropped} dropped"
-        text += f", seam{'s' * (len(seams) > 1)} at {', '.join(seams)}" if seams else ""
-        return motion, text + (f"; {skate}" if skate else "")
+        text += f", seam{'s' * (len(seams) > 1)} at {', '.join(told)}" if seams else ""
+        learned = {"dropped": dropped, "seams": seams}
+        return Joined(motion, text, found.end_to_end, skate, learned)
 
     sources = [source.path for source in _files.expand(files, avoid=joining.out)]
     join(combine, sources, joining)

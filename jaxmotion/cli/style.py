@@ -15,6 +15,7 @@ from jaxmotion.cli._options import (
     running_options,
     selection_options,
 )
+from jaxmotion.cli._work import Edited
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
@@ -80,9 +81,11 @@ def edit(
     alpha: float,
     gains: tuple[tuple[str, float], ...],
     residual: float,
-) -> "Motion":
+) -> Edited:
     """The library's style gains on a padded clip."""
     import jaxmotion as jm
+    from jaxmotion.cli._learned import of_base
 
     weights = jm.joint_weights(motion.skeleton, dict(gains), default=alpha)
-    return jm.stylize(motion, weights, residual=residual, length=length)
+    layers = jm.decompose(motion, length=length)
+    return Edited(jm.synthesize(layers, weights, residual), partial(of_base, layers))

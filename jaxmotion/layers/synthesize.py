@@ -6,7 +6,7 @@ style that comes and goes. O(T·J), differentiable in everything.
 """
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -31,7 +31,7 @@ from jaxmotion.layers.decompose import (
 )
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
-from jaxmotion.smoothing import outlier_weights
+from jaxmotion.smoothing import MotionTuning, outlier_weights
 from jaxmotion.smoothing.lgs import check_positive
 
 
@@ -137,6 +137,29 @@ def denoise(
         >>> bool(off[0].mean() < 0.7 * off[1].mean())
         True
     """
+    return denoised(motion, tune, lam, sigma, strength, method, robust, weights, length).motion
+
+
+class Denoised(NamedTuple):
+    """``motion``: what :func:`denoise` returns; ``tuning``: what it learned of the noise, None if
+    it learned nothing."""
+
+    motion: Motion
+    tuning: MotionTuning | None
+
+
+def denoised(
+    motion: Motion,
+    tune: bool = True,
+    lam: ScalarLike | None = None,
+    sigma: ScalarLike | None = None,
+    strength: ArrayLike = 1.0,
+    method: Literal["chordal", "geodesic"] = "chordal",
+    robust: bool = False,
+    weights: ArrayLike | None = None,
+    length: ScalarLike | None = None,
+) -> Denoised:
+    """:func:`denoise`, and what it learned; arguments and errors as there."""
     check_method(method, "denoise")
     motion, weights = checked_weights(motion, weights, length, "denoise")
     for name, value in (("lam", lam), ("sigma", sigma)):
@@ -148,20 +171,22 @@ def denoise(
     if robust:
         weights = outlier_weights(motion, weights=weights)
     if tune and lam is None and sigma is None:
-        return room.cut(_without_noise(motion, weights, kept, method))
+        tuning, clean = _without_noise(motion, weights, kept, method)
+        return Denoised(room.cut(clean), tuning)
     given = (np.pi / 2, *(1.0 if value is None else value for value in (lam, sigma)))
     gamma, lam_c, sigma_c = (jnp.asarray(value, motion.dtype) for value in given)
     layers = layers_of(motion, weights, gamma, lam_c, sigma_c, method=method)
-    return room.cut(_edited("denoise", layers, 1.0, kept, 1.0))
+    return Denoised(room.cut(_edited("denoise", layers, 1.0, kept, 1.0)), None)
 
 
 @compiled
 def _without_noise(
     motion: Motion, weights: Array | None, kept: Array, method: Literal["chordal", "geodesic"]
-) -> Motion:
-    """The tuned layers' base ⊕ control ⊕ a share of the residual, for which no base is needed."""
-    _, clean = without_noise(motion, "evidence", 2, weights, method)
-    return plus(clean, minus(motion, clean).scale(kept))
+) -> tuple[MotionTuning, Motion]:
+    """What is learned, and the tuned layers' base ⊕ control ⊕ a share of the residual, for which no
+    base is needed."""
+    tuning, clean = without_noise(motion, "evidence", 2, weights, method)
+    return tuning, plus(clean, minus(motion, clean).scale(kept))
 
 
 @static("keep_contacts")

@@ -28,7 +28,7 @@ from jaxmotion import quaternion, spacetime
 from jaxmotion._checks import known, require, static, traced
 from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_norm
-from jaxmotion._types import ArrayLike, ScalarLike
+from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts, detect
 from jaxmotion.frames.padding import in_buckets, program_size
 from jaxmotion.layers.synthesize import stylize
@@ -89,6 +89,29 @@ def time_warp(
         31
     """
     finite_clip("time_warp", motion)
+    at = warped_frames(motion, amount=amount, pairs=pairs, ease=ease, num_frames=num_frames)
+    reading = even_reading(at, motion.num_frames, motion.dtype)
+    result = retimed = read_motion(
+        motion, reading, motion.frame_time, method=method, smoothing=smoothing, signs=signs
+    )
+    if alpha is not None or not isinstance(residual, (int, float)) or residual != 1:
+        result = stylize(retimed, 1.0 if alpha is None else alpha, residual=residual)
+    if keep_contacts is False:
+        return result
+    contacts = detect(motion) if keep_contacts is True else keep_contacts
+    return spacetime.keep_contacts(result, original=retimed, contacts=contacts.at_frames(at))
+
+
+def warped_frames(
+    motion: Motion,
+    *,
+    amount: ScalarLike | None = None,
+    pairs: ArrayLike | None = None,
+    ease: Sequence[ScalarLike] = (0.0, 0.0),
+    num_frames: int | None = None,
+) -> Float[AnyArray, " result"]:
+    """The frame of the clip, a fraction too, that each frame of the result shows; arguments as
+    :func:`time_warp`, which they are checked for."""
     if amount is not None and pairs is not None:
         raise ValueError("time_warp: amount and pairs are both given; expected one of them")
     frames, dtype = motion.num_frames, motion.dtype
@@ -110,17 +133,8 @@ def time_warp(
         step = total / max(num_frames - 1, 1)
     step = jnp.asarray(step, dtype)
     count = program_size(num_frames)
-    at = known(_source_times(knots, places, step, ease_in, ease_out, duration, count))[:num_frames]
-    reading = even_reading(at, frames, dtype)
-    result = retimed = read_motion(
-        motion, reading, motion.frame_time, method=method, smoothing=smoothing, signs=signs
-    )
-    if alpha is not None or not isinstance(residual, (int, float)) or residual != 1:
-        result = stylize(retimed, 1.0 if alpha is None else alpha, residual=residual)
-    if keep_contacts is False:
-        return result
-    contacts = detect(motion) if keep_contacts is True else keep_contacts
-    return spacetime.keep_contacts(result, original=retimed, contacts=contacts.at_frames(at))
+    at = _source_times(knots, places, step, ease_in, ease_out, duration, count)
+    return known(at)[:num_frames]
 
 
 @eqx.filter_jit

@@ -4,7 +4,8 @@
     bend                angle from the midpoint of q_{t-1} and q_{t+1} to q_t        radians
     gimbal_margin       |π/2 − |θ₂||, θ₂ the middle of a joint's three Euler angles (proper Euler
                         orders: distance of θ₂ from 0 and π)                         radians
-    difference          which frames of two clips differ, and by how much at most
+    difference          how much two clips differ: mean, 95th percentile and largest, and in how
+                        many frames one sees it
 
 T frames, J joints. For reports and checks: NumPy in float64 on the host, nothing is traced, nothing
 waits for a compiler but what needs world positions. O(T·J).
@@ -27,41 +28,57 @@ from jaxmotion.skeleton import Skeleton
 
 _BLOCK = 512  # frames at a time for world positions: one compiled function for all clips
 _EXACT = 1e-8  # radians, and share of the figure's size: less is rounding
+# What one sees: a turn of 0.05° at the hips moves the feet by a thousandth of the figure, some
+# millimetre of a person.
+_VISIBLE_TURN = np.radians(0.05)
+_VISIBLE_SHIFT = 1e-3  # of the figure's size
 
 
 @dataclass(frozen=True)
 class Peak:
-    """The largest of some values, and where it is.
+    """The largest of some values and where it is, beside what is usual.
 
     **Fields:** ``value``: in the unit of what it is the largest of; ``frame``: from 0; ``joint``:
-    by name.
+    by name; ``mean``, ``p95``: mean and 95th percentile of all values; ``end_site``: whether it is
+    the end site of that joint, not the joint.
     """
 
     value: float
     frame: int
     joint: str
+    mean: float
+    p95: float
+    end_site: bool = False
 
     def __repr__(self) -> str:
         return line(self, self._words)
 
     def _words(self) -> Iterator[str]:
-        yield f"{brief(self.value)} in frame {self.frame} of {called([self.joint])}"
+        yield f"{brief(self.value)} in frame {self.frame} of {self._place()}"
+        yield f"mean {brief(self.mean)}"
+        yield f"95 % below {brief(self.p95)}"
+
+    def _place(self) -> str:
+        return f"{called([self.joint])}{', its end site' * self.end_site}"
 
 
 @dataclass(frozen=True)
 class Difference:
     """How two clips of one shape differ.
 
-    **Fields:** ``frames``: how many there are; ``frames_changed``: in how many of them something
-    differs; ``angle``: the greatest turn of a joint in its parent's frame, radians; ``shift``: the
-    greatest change of a local translation, file unit; ``distance``: the greatest move of a joint in
-    the world, file unit, None if not asked for.
+    **Fields:** ``frames``: how many there are; ``frames_changed``: in how many of them one sees it:
+    a joint turns by over 0.05° or shifts by over a thousandth of :func:`figure_size`; ``angle``:
+    turns of joints in their parents' frames, radians; ``shift``: changes of local translations,
+    file unit; ``root``: moves of the root in the world, file unit; ``distance``: moves of joints
+    and end sites in the world, file unit, None if not asked for. Each of them over all frames and
+    joints.
     """
 
     frames: int
     frames_changed: int
     angle: Peak
     shift: Peak
+    root: Peak
     distance: Peak | None
 
     def __repr__(self) -> str:
@@ -69,9 +86,9 @@ class Difference:
 
     def _words(self) -> Iterator[str]:
         yield f"{self.frames_changed} of {self.frames} frames"
-        for name in ("angle", "shift", "distance"):
+        for name in ("angle", "shift", "root", "distance"):
             if (peak := getattr(self, name)) is not None:
-                yield f"{name} {brief(peak.value)} of {called([peak.joint])}"
+                yield f"{name} {brief(peak.value)} of {peak._place()}"
 
 
 def turn(a: ArrayLike, b: ArrayLike) -> Float[np.ndarray, "..."]:
@@ -228,7 +245,7 @@ def difference(before: Motion, after: Motion, *, world: bool = False) -> Differe
     """How ``after`` differs from ``before``.
 
     **Arguments:** ``before``, ``after``: single clips of one shape; ``world``: whether to compare
-    world positions too.
+    world positions too, of joints and end sites.
     **Returns:** :class:`Difference`.
     **Raises:** ``ValueError`` for what is not one clip, or when the shapes differ.
     """
@@ -243,21 +260,30 @@ def difference(before: Motion, after: Motion, *, world: bool = False) -> Differe
     angle = turn(before.rotations, after.rotations)
     moved = np.asarray(after.translations, np.float64) - np.asarray(before.translations, np.float64)
     shift = np.linalg.norm(moved, axis=-1)
-    rounding = _EXACT * figure_size(before.skeleton)
-    changed = (angle > _EXACT).any(axis=1) | (shift > rounding).any(axis=1)
+    visible = _VISIBLE_SHIFT * figure_size(before.skeleton)
+    changed = (angle > _VISIBLE_TURN).any(axis=1) | (shift > visible).any(axis=1)
     distance = None
     if world:
-        joints = len(names)
-        apart = world_positions(after)[:, :joints] - world_positions(before)[:, :joints]
-        distance = _peak(np.linalg.norm(apart, axis=-1), names)
+        apart = np.linalg.norm(world_positions(after) - world_positions(before), axis=-1)
+        hung = tuple(names[joint] for joint in before.skeleton.end_joints)
+        distance = _peak(apart, names + hung, joints=len(names))
     return Difference(
-        before.num_frames, int(changed.sum()), _peak(angle, names), _peak(shift, names), distance
+        before.num_frames,
+        int(changed.sum()),
+        _peak(angle, names),
+        _peak(shift, names),
+        _peak(shift[:, :1], names),
+        distance,
     )
 
 
-def _peak(values: np.ndarray, names: tuple[str, ...]) -> Peak:
-    frame, joint = np.unravel_index(np.argmax(values), values.shape)
-    return Peak(float(values[frame, joint]), int(frame), names[joint])
+def _peak(values: np.ndarray, names: tuple[str, ...], *, joints: int | None = None) -> Peak:
+    """Of values f[T, points]: ``joints`` of them, then their end sites."""
+    frame, point = np.unravel_index(np.argmax(values), values.shape)
+    largest, mean, p95 = values[frame, point], values.mean(), np.percentile(values, 95)
+    end_site = joints is not None and point >= joints
+    place = int(frame), names[point]
+    return Peak(float(largest), *place, float(mean), float(p95), bool(end_site))
 
 
 def _axis(channel: str) -> int | None:

@@ -117,6 +117,16 @@ def resample(
         return read_motion(
             motion, reading, frame_time, method=method, smoothing=smoothing, signs=signs
         )
+    at, frame_time = resampled_frames(motion, fps, num_frames)
+    reading = even_reading(at, motion.num_frames, motion.dtype)
+    return read_motion(motion, reading, frame_time, method=method, smoothing=smoothing, signs=signs)
+
+
+def resampled_frames(
+    motion: Motion, fps: ScalarLike | None, num_frames: int | None
+) -> tuple[Float[AnyArray, " result"], ScalarLike]:
+    """The frame of the clip, a fraction too, that each frame of the result shows, and the result's
+    frame time; arguments as :func:`resample`."""
     frames = motion.num_frames
     if fps is not None and num_frames is None:
         seconds = _concrete("motion.frame_time", motion.frame_time)
@@ -131,9 +141,7 @@ def resample(
         raise ValueError(
             f"resample: fps={fps}, num_frames={num_frames}; expected one of them, or an index"
         )
-    at = step * np.arange(num_frames)
-    reading = even_reading(at, frames, motion.dtype)  # type: ignore[arg-type]
-    return read_motion(motion, reading, frame_time, method=method, smoothing=smoothing, signs=signs)
+    return known(step * np.arange(num_frames)), frame_time
 
 
 def frames_within(duration: float, lost: float = 0.0) -> int:

@@ -1,5 +1,8 @@
 """Commands run in this process, and the clips they are given."""
 
+import json
+import re
+
 import jax
 import numpy as np
 import pytest
@@ -8,6 +11,7 @@ from click.testing import CliRunner
 import jaxmotion as jm
 from jaxmotion.cli import _session
 from jaxmotion.cli._app import app
+from jaxmotion.cli._page import RECORD
 from tests.helpers import quaternions_by
 
 _NOTICE = _session._CompilingNotice
@@ -40,6 +44,12 @@ def jaxmotion():
         return result
 
     return run
+
+
+def record_in(report):
+    """The record in a report, also in a page."""
+    text = report.read_text("utf-8")
+    return json.loads(text if report.suffix == ".json" else re.findall(RECORD, text, re.DOTALL)[0])
 
 
 def swinging(frames=40, seed=0, noise=0.02):

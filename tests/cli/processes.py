@@ -8,10 +8,11 @@ from pathlib import Path
 
 from jaxmotion.cli import _leaving, _workers
 from jaxmotion.cli._files import Job
+from jaxmotion.cli._work import Effect
 from jaxmotion.io.atomic import atomic_write
 
 
-def compute_for_ever(job: Job) -> str:
+def compute_for_ever(job: Job) -> Effect:
     """Half a file, then a JAX call that does not come back."""
     import jax
 
@@ -20,17 +21,17 @@ def compute_for_ever(job: Job) -> str:
         file.write(b"half")
         file.flush()
         forever(1.0).block_until_ready()
-    return ""
+    return Effect(())
 
 
-def die_at(name: str, job: Job) -> str:
+def die_at(name: str, job: Job) -> Effect:
     """Half a file and sudden death for the job of that name; others are written."""
     with atomic_write(job.target) as file:
         file.write(b"half")
         file.flush()
         if job.target.name == name:
             os.kill(os.getpid(), signal.SIGKILL)
-    return "fine"
+    return Effect((), message="fine")
 
 
 def jobs(folder: Path, count: int) -> list[Job]:

@@ -1,6 +1,5 @@
-"""Going through files: refusals, failures, resuming, several processes, interruption, reports."""
+"""Going through files: refusals, failures, resuming, several processes, interruption."""
 
-import json
 import os
 import shutil
 import signal
@@ -16,7 +15,7 @@ import jaxmotion as jm
 from jaxmotion.cli import _batch, _record, _work
 from jaxmotion.cli._record import NAME
 from jaxmotion.io.atomic import atomic_write
-from tests.cli.conftest import swinging
+from tests.cli.conftest import record_in, swinging
 
 
 @pytest.fixture
@@ -225,7 +224,7 @@ def test_a_write_that_breaks_leaves_nothing(jaxmotion, take, tmp_path, monkeypat
 
 def test_results_that_are_not_finite_are_not_written(take, tmp_path):
     def spoil(motion, length):
-        return motion.with_transforms(rotations=motion.rotations * np.nan)
+        return _work.Edited(motion.with_transforms(rotations=motion.rotations * np.nan))
 
     selection = _work.Selection(1.0, (), (None, None), 0)
     job = _batch.Job(take, tmp_path / "x.bvh")
@@ -243,32 +242,6 @@ def test_a_warning_of_many_files_is_told_once_and_counted(jaxmotion, takes, tmp_
     text = "z points up, which the file cannot say: read it with up= (--up)"
     assert result.stderr.count(f"  warning: {text}") == 1
     assert f"warning, of 2 files: {text}\n" in result.stderr
-
-
-def test_reports(jaxmotion, takes, tmp_path):
-    report = tmp_path / "r.json"
-    words = ("convert", takes, "--to", "npz", "--report")
-    jaxmotion(*words, report, "-o", tmp_path / "one", code=1)
-    rows = {row["input"]: row for row in json.loads(report.read_text("utf-8"))["files"]}
-    assert rows[str(takes / "a.bvh")]["status"] == "written"
-    assert "expected" in rows[str(takes / "broken.bvh")]["message"]
-    assert "exists" in jaxmotion(*words, report, "-o", tmp_path / "two", code=2).stderr
-    page = tmp_path / "deep" / "r.html"
-    jaxmotion(*words, page, "-o", tmp_path / "three", code=1)
-    text = page.read_text("utf-8")
-    assert "b ü.npz" in text
-    assert "http" not in text
-    assert "2 written, 0 skipped, 1 failed" in text
-
-
-def test_reports_escape_names(tmp_path):
-    from jaxmotion.cli._report import write_report
-
-    job = _batch.Job(tmp_path / "<b>.bvh", tmp_path / "x")
-    write_report(tmp_path / "r.html", [_work.Outcome(job, "failed", "<script>")])
-    text = (tmp_path / "r.html").read_text("utf-8")
-    assert "<script>" not in text
-    assert "&lt;b&gt;.bvh" in text
 
 
 def test_frame_rate_is_overruled(jaxmotion, take, tmp_path):
@@ -313,20 +286,32 @@ def test_ctrl_c_leaves_no_partial_file(tmp_path, jobs, interruptible):
     for i in range(1, 400):
         shutil.copy(folder / "0.bvh", folder / f"{i}.bvh")
     out = tmp_path / "out"
-    run = script("convert", folder, "-o", out, "--to", "bvh", "--jobs", jobs)
+    words = ("convert", folder, "-o", out, "--to", "bvh", "--report", tmp_path / "r.json")
+    run = script(*words, "--jobs", jobs)
     deadline = time.time() + 60
     while not (out.exists() and any(out.glob("*.bvh"))) and time.time() < deadline:
         time.sleep(0.02)
     run.send_signal(signal.SIGINT)
     _, errors = run.communicate(timeout=60)
     assert run.returncode == 130, errors
-    assert "Interrupted." in errors
+    told = "400 files are done; the same command with --resume goes on from there."
+    assert errors.splitlines()[-2] == "Interrupted."
+    assert told in errors.splitlines()[-1]
     assert "Traceback" not in errors
     done = [path for path in out.iterdir() if path.name != NAME]
     assert 0 < len(done) < 400
     recorded = _record._entries(out).keys()
     assert recorded <= {path.name for path in done}
     assert len(recorded) >= len(done) - 2 * int(jobs)
+    record = record_in(tmp_path / "r.json")
+    assert record["end"] == "interrupted"
+    written = [row["output"] for row in record["files"] if row["status"] == "written"]
+    assert {str(out / name) for name in recorded} >= set(written)
+    assert len(recorded) - len(written) <= 1
+    assert (
+        record["counts"]["not tried"] == 400 - len(written) == len(record["files"]) - len(written)
+    )
+    assert os.listdir(tmp_path).count("r.json") == len(list(tmp_path.glob("*r.json*")))
     for path in done:
         assert path.suffix == ".bvh"
         assert len(jm.load(path)) == 30

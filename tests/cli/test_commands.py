@@ -34,9 +34,11 @@ def test_denoise_is_the_library_s(jaxmotion, take, tmp_path, denoised):
     assert_same_rotation(got.rotations, denoised[1].rotations, 1e-9)
     np.testing.assert_allclose(got.translations, denoised[1].translations, atol=1e-9)
     [row] = json.loads(report.read_text())["files"]
-    assert row["max_degrees"]["value"] == pytest.approx(degrees(*denoised).max(), rel=1e-6)
-    assert row["max_distance"]["value"] > 0
-    assert (row["frames"], row["frames_changed"]) == (40, 40)
+    changes = row["changes"]
+    assert changes["degrees"]["max"] == pytest.approx(degrees(*denoised).max(), rel=1e-6)
+    assert changes["degrees"]["mean"] == pytest.approx(degrees(*denoised).mean(), rel=1e-6)
+    assert changes["distance"]["max"] > 0
+    assert (row["frames"], changes["frames_changed"]) == (40, 40)
 
 
 def test_strength_joints_and_range(jaxmotion, take, tmp_path, denoised):

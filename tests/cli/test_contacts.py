@@ -1,13 +1,16 @@
 """``jaxmotion contacts`` lists what the library finds, and writes what it cleans."""
 
 import json
+import re
 
 import jax
 import numpy as np
 import pytest
 
 import jaxmotion as jm
+from jaxmotion.cli._feet import _carried
 from jaxmotion.metrics import foot_skate
+from tests.helpers import assert_same_rotation
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +78,16 @@ def test_style_keeps_contacts_where_feet_would_slide_more(jaxmotion, file, tmp_p
     assert after < 0.1 * slid
     assert f"slid at {before:.3g}, now {after:.3g} cm/s (contacts kept; else {slid:.3g})" in told
     [row] = json.loads(report.read_text())["files"]
-    assert row["contacts_kept"] is True
-    assert 100 * row["skate_before"] == pytest.approx(before, rel=1e-6)
-    assert 100 * row["skate_after"] == pytest.approx(after, rel=1e-6)
+    feet = row["feet"]
+    assert feet["contacts_restored"] == len(jm.contacts.intervals(found))
+    figures = [feet[f"slide_{when}"] for when in ("before", "edited", "after")]
+    np.testing.assert_allclose(100 * np.array(figures), [before, slid, after], rtol=1e-6)
+    assert row["unit"] == 1.0
+    edited, result = jm.load(plain), jm.load(kept)
+    moved = np.linalg.norm(result.root_positions - edited.root_positions, axis=-1).max()
+    assert feet["root_move"] == pytest.approx(moved, rel=1e-6)
+    root = np.linalg.norm(result.root_positions - skating.root_positions, axis=-1)
+    assert row["changes"]["root"]["mean"] == pytest.approx(root.mean(), rel=1e-6)
 
 
 def test_contacts_are_kept_inside_of_the_selection_only(jaxmotion, file, tmp_path, skating):
@@ -93,6 +103,66 @@ def test_contacts_are_kept_inside_of_the_selection_only(jaxmotion, file, tmp_pat
     assert foot_skate(after[20:28], inner) < 0.2 * foot_skate(without[20:28], inner)
     head = before.skeleton.index("Head")  # the edit itself sets in as it does without
     np.testing.assert_allclose(after.rotations[:, head], without.rotations[:, head], atol=1e-3)
+
+
+def told_speeds(told):
+    """Before, in the new timing, now."""
+    found = re.search(r"feet slid at (\S+) \((\S+) in the new timing\), now (\S+) cm/s", told)
+    assert found, told
+    return [float(speed) for speed in found.groups()]
+
+
+@pytest.mark.parametrize(("pair", "speed"), [("1.5=0.75", 2.0), ("1.5=3", 0.5)])
+def test_retime_compares_in_the_new_timing(jaxmotion, file, tmp_path, skating, pair, speed):
+    """Feet that slide twice as fast at twice the speed are none of the edit's doing."""
+    own = skate(skating, jm.contacts.detect(skating))
+    told = jaxmotion("retime", file, "-o", tmp_path / "out.npz", "--at", pair).stderr
+    before, timed, now = told_speeds(told)
+    assert before == pytest.approx(own, rel=5e-3)
+    assert timed == pytest.approx(speed * own, rel=0.2)
+    assert now == pytest.approx(timed, rel=0.15)
+    assert "kept" not in told
+
+
+@pytest.fixture
+def sparse(tmp_path):
+    """Eight frames a second: feet slide in what is read between them."""
+    path = tmp_path / "sparse.npz"
+    jm.save(jm.samples.walk(24, fps=8.0).motion, path)
+    return path
+
+
+def test_retime_keeps_contacts_where_feet_would_slide_more(jaxmotion, sparse, tmp_path):
+    plain, kept = tmp_path / "plain.npz", tmp_path / "kept.npz"
+    words = ("retime", sparse, "--to-fps", "24", "-o")
+    told = jaxmotion(*words, plain, "--no-keep-contacts").stderr
+    _, timed, slid = told_speeds(told)
+    assert slid > timed + 4
+    want = jm.resample(jm.load(sparse), fps=24)
+    assert_same_rotation(jm.load(plain).rotations, want.rotations, 1e-12)
+    told = jaxmotion(*words, kept).stderr
+    assert told_speeds(told)[2] < 0.2 * slid
+    assert f"(contacts kept; else {slid:.3g})" in told
+
+
+def test_align_tells_of_feet_and_keeps_contacts(jaxmotion, file, skating, sparse, tmp_path):
+    out = tmp_path / "out.npz"
+    told = jaxmotion("align", file, file, "-o", out).stderr
+    own = skate(skating, jm.contacts.detect(skating))
+    assert told_speeds(told) == pytest.approx([own] * 3, rel=5e-3)
+    told = jaxmotion("align", sparse, file, "-o", out, "--overwrite", "--keep-contacts").stderr
+    assert "(contacts kept; else" in told
+
+
+def test_what_touches_on_one_side_only_does_not_touch_between():
+    skeleton = jm.Skeleton(["Hips", "Foot"], [-1, 0], np.zeros((2, 3)))
+    mask = np.array([[0], [1], [1], [0]], bool)
+    contacts = jm.contacts.Contacts(
+        jm.contacts.ContactPoints(skeleton, ["Foot"]), mask, np.zeros((4, 1, 3))
+    )
+    at = jax.numpy.asarray([0.0, 0.6, 1.0, 1.4, 2.0, 2.4, 3.0, 1.0, 1.0])
+    found = _carried(contacts, at, 8).mask[:, 0]
+    np.testing.assert_array_equal(found, np.array([0, 0, 1, 1, 1, 0, 0, 1, 0], bool))
 
 
 def test_feet_that_slide_no_more_are_left_alone(jaxmotion, file, take, tmp_path):

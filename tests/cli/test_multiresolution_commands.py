@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
+from jaxmotion.cli import multires
 from jaxmotion.multiresolution import blend, build_pyramid, level_of_detail, scale_details, stitch
+from jaxmotion.multiresolution.pyramid import DEEPEST
 from jaxmotion.multiresolution.stitching import stitched
 from tests.cli.conftest import swinging
 from tests.helpers import assert_same_rotation
@@ -81,6 +83,9 @@ def test_multires_of_short_clips_has_the_finest_of_the_levels(jaxmotion, tmp_pat
         (("--gains", "1,x"), "not of the form"),
         (("--gains", "1,1", "--levels", "3"), "disagree"),
         (("--level", "-1"), "-1"),
+        (("--level", "40"), "--level 40: there are 6 levels of detail; --levels makes more"),
+        (("--level", "3.5", "--levels", "3"), "--level 3.5: there are 3 levels of detail;"),
+        (("--level", "1.5", "--levels", "1"), "there is 1 level of detail;"),
     ],
 )
 def test_multires_usage(jaxmotion, take, tmp_path, words, message):
@@ -89,11 +94,8 @@ def test_multires_usage(jaxmotion, take, tmp_path, words, message):
     assert not (tmp_path / "out.bvh").exists()
 
 
-def test_a_level_that_is_not_there_is_an_error(jaxmotion, take, tmp_path):
-    words = ("multires", take, "-o", tmp_path / "out.bvh", "--level", "40")
-    told = "there are 6 levels of detail; --levels makes more"
-    assert f"--level 40: {told}" in jaxmotion(*words, code=1).stderr
-    assert "there are 3 levels" in jaxmotion(*words, "--levels", "3", code=1).stderr
+def test_there_are_as_many_levels_as_the_library_makes():
+    assert multires._DEEPEST == DEEPEST
 
 
 def test_blend(jaxmotion, take, other, tmp_path):

@@ -13,13 +13,14 @@ from jaxmotion.io.bvh import save_bvh
 
 
 @pytest.mark.parametrize(
-    ("text", "want"), [("120:480", (120, 480)), ("5:", (5, None)), (":-2", (None, -2))]
+    ("text", "want"),
+    [("120:480", (120, 480)), ("5:", (5, None)), (":-2", (None, -2)), ("-9:7", (-9, 7))],
 )
 def test_frame_range(text, want):
     assert FrameRange().convert(text, None, None) == want
 
 
-@pytest.mark.parametrize("text", ["5", "a:b", "1:2:3", ""])
+@pytest.mark.parametrize("text", ["5", "a:b", "1:2:3", "", "480:120", "5:5", ":0", "-3:-7"])
 def test_bad_frame_range(text):
     with pytest.raises(click.BadParameter):
         FrameRange().convert(text, None, None)
@@ -86,7 +87,7 @@ def test_missing_preset_and_bad_values(jaxmotion, take, tmp_path, edited):
 
 # What each command calls, and its options that are of no argument or of a part of one.
 CALLS = {
-    "align": ((timing.align,), {"path", "plot", "few-joints"}),
+    "align": ((timing.align,), {"path", "plot", "few-joints", "keep-contacts"}),
     "blend": ((multiresolution.blend,), set()),
     "contacts": ((contacts.detect,), {"json", "restore"}),
     "convert": ((save_bvh,), {"to"}),
@@ -120,6 +121,30 @@ def test_options_have_the_names_of_the_arguments(name):
         names = {opt.lstrip("-") for opt in option.opts}
         spelt = {n.removeprefix("no-").replace("-", "_") for n in names}
         assert spelt & (arguments | COMMON | {"cache"}) or names & own, f"{name}: {option.opts}"
+
+
+def options_with_numbers():
+    """Command, option, and the text before a number of it."""
+    before = {"float": "", "float range": "", "PATTERN=GAIN": "*=", "G,G,...": "1,"}
+    before["BEFORE=AFTER"] = "1="
+    ctx = click.Context(app)
+    commands = {name: app.get_command(ctx, name) for name in app.list_commands(ctx)}
+    for name, command in commands.items():
+        for option in command.params:
+            if isinstance(option, click.Option) and option.type.name in before:
+                yield name, option.opts[0], before[option.type.name]
+
+
+@pytest.mark.parametrize("number", ["nan", "inf"])
+def test_numbers_that_are_not_finite_are_usage_errors(jaxmotion, take, number):
+    found = list(options_with_numbers())
+    assert len(found) > 25
+    for verb, option, before in found:
+        files = {"align": [take] * 2, "blend": [take] * 3, "demo": []}.get(verb, [take])
+        out = [] if verb in ("check", "info", "demo") else ["-o", "out.npz"]
+        told = jaxmotion(verb, *files, *out, option, before + number, code=2).stderr
+        assert option in told, (verb, told)
+        assert "finite" in told or "range" in told
 
 
 def test_both_names_of_an_option_are_one(jaxmotion, take, tmp_path, edited):

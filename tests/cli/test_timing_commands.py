@@ -8,7 +8,7 @@ import pytest
 
 import jaxmotion as jm
 from jaxmotion.timing import align
-from tests.cli.conftest import swinging
+from tests.cli.conftest import record_in, swinging
 from tests.helpers import assert_same_rotation
 
 
@@ -46,15 +46,18 @@ def test_retime_goes_through_folders_and_tells_of_failures(jaxmotion, tmp_path):
     (folder / "day 1").mkdir(parents=True)
     jm.save(swinging(12), folder / "a.bvh")
     jm.save(swinging(30, seed=1), folder / "day 1" / "b.bvh")
-    out, report = tmp_path / "out", tmp_path / "r.json"
+    out, report = tmp_path / "out", tmp_path / "r.html"
     words = ("retime", folder, "-o", out, "--at", "0.5=0.7")
     result = jaxmotion(*words, "--report", report, code=1)
     assert "1 written, 1 failed." in result.stderr
     assert "the end of the clip, 0.366667 s" in result.stderr
     assert jm.load(out / "day 1" / "b.bvh").num_frames == 36
     assert not (out / "a.bvh").exists()
-    rows = {row["status"]: row for row in json.loads(report.read_text())["files"]}
+    rows = {row["status"]: row for row in record_in(report)["files"]}
     assert "36 frames" in rows["written"]["message"]
+    assert (rows["written"]["frames"], rows["written"]["result"]["frames"]) == (30, 36)
+    assert "<th>frames now</th>" in report.read_text()
+    assert "<th>a second now</th>" not in report.read_text()
     assert jaxmotion(*words, "--resume", "--dry-run").exit_code == 0
 
 
@@ -66,6 +69,8 @@ def test_retime_goes_through_folders_and_tells_of_failures(jaxmotion, tmp_path):
         (("--slow", "1", "--at", "1=2"), "both set the timing"),
         (("--keep-duration",), "--keep-duration goes with"),
         (("--at", "1:2"), "not of the form '1.5=2.0'"),
+        (("--at", "1=2", "--at", "0.5=3"), "0.5=3 does not come after 1=2"),
+        (("--at", "0.5=-1"), "0.5=-1 does not come after 0=0"),
         (("--to-fps", "0"), "0"),
         (("--slow", "-1"), "-1"),
     ],

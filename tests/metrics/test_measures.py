@@ -16,6 +16,8 @@ from tests.helpers import (
     world_by_matrices,
 )
 
+IDENTITY = np.array([1.0, 0, 0, 0])
+
 
 @pytest.fixture
 def motion(dtype):
@@ -136,23 +138,73 @@ def test_figure_size():
 
 def test_difference():
     motion = random_motion(np.random.default_rng(5), 8, 4)
+    names = motion.skeleton.names
     none = measures.difference(motion, motion, world=True)
     assert (none.frames, none.frames_changed, none.angle.value) == (8, 0, 0)
+    assert none.distance is not None
+    assert (none.distance.value, none.distance.mean, none.distance.p95) == (0, 0, 0)
     vectors = np.zeros((8, 4, 3))
     vectors[3, 2] = [0.0, 0.3, 0.0]
     vectors[6, 1] = [0.1, 0.0, 0.0]
     turned = jm.quaternion.multiply(motion.rotations, jm.quaternion.exp(vectors))
-    edited = motion.with_transforms(
-        motion.translations + jnp.asarray(np.eye(8, 4)[..., None] * [0.0, 0.0, 0.5]), -turned
-    )
+    shifts = np.eye(8, 4)[..., None] * [0.0, 0.0, 0.5]
+    shifts[1, 0] = [0.3, 0.4, 1.2]  # of the root
+    edited = motion.with_transforms(motion.translations + jnp.asarray(shifts), -turned)
     found = measures.difference(motion, edited, world=True)
     assert found.frames_changed == 5
     assert (found.angle.frame, found.angle.joint) == (3, "joint2")
-    assert found.angle.value == pytest.approx(0.3)
-    assert found.shift.value == pytest.approx(0.5)
-    apart = world_by_matrices(edited)[0] - world_by_matrices(motion)[0]
+    assert_peak(found.angle, np.linalg.norm(vectors, axis=-1), names)
+    assert_peak(found.shift, np.linalg.norm(shifts, axis=-1), names)
+    assert_peak(found.root, np.linalg.norm(shifts[:, :1], axis=-1), names)
+    assert (found.root.frame, found.root.joint, found.root.value) == (1, "joint0", 1.3)
+    before, after = (
+        np.concatenate([positions, ends], axis=1)
+        for positions, _, ends in map(world_by_matrices, (motion, edited))
+    )
+    ends = tuple(names[joint] for joint in motion.skeleton.end_joints)
     assert found.distance is not None
-    assert found.distance.value == pytest.approx(np.linalg.norm(apart, axis=-1).max())
+    assert_peak(found.distance, np.linalg.norm(after - before, axis=-1), names + ends)
     assert measures.difference(motion, edited).distance is None
     with pytest.raises(ValueError, match="must agree"):
         measures.difference(motion, motion[:3])
+
+
+def assert_peak(peak, values, names):
+    frame, point = np.unravel_index(np.argmax(values), values.shape)
+    assert (peak.frame, peak.joint, peak.end_site) == (frame, names[point], point >= 4)
+    got = [peak.value, peak.mean, peak.p95]
+    want = [values.max(), values.mean(), np.percentile(values, 95)]
+    np.testing.assert_allclose(got, want, atol=1e-6)
+
+
+def test_the_last_joint_s_turn_moves_its_end_site():
+    skeleton = jm.Skeleton(
+        ["hips", "hand"],
+        [-1, 0],
+        np.array([[0.0, 0, 0], [0, 5, 0]]),
+        end_joints=[1],
+        end_offsets=np.array([[2.0, 0, 0]]),
+    )
+    motion = jm.Motion.from_root(skeleton, np.zeros((3, 3)), np.tile(IDENTITY, (3, 2, 1)), 1 / 30)
+    vectors = np.zeros((3, 2, 3))
+    vectors[2, 1, 2] = np.pi / 2
+    edited = motion.with_transforms(rotations=jm.quaternion.exp(vectors))
+    moved = measures.difference(motion, edited, world=True).distance
+    assert moved is not None
+    assert (moved.frame, moved.joint, moved.end_site) == (2, "hand", True)
+    assert moved.value == pytest.approx(2 * np.sqrt(2))
+    assert moved.mean == pytest.approx(2 * np.sqrt(2) / 9)
+
+
+def test_frames_that_change_by_less_than_one_sees_are_not_counted():
+    skeleton = jm.Skeleton(["hips", "hand"], [-1, 0], np.array([[0.0, 0, 0], [0, 5, 0]]))
+    motion = jm.Motion.from_root(skeleton, np.zeros((4, 3)), np.tile(IDENTITY, (4, 2, 1)), 1 / 30)
+    vectors, shifts = np.zeros((4, 2, 3)), np.zeros((4, 2, 3))
+    vectors[:2, 1, 0] = np.radians([0.049, 0.051])
+    shifts[2:, 0, 1] = [0.0049, 0.0051]  # the figure's size is 5
+    edited = motion.with_transforms(
+        motion.translations + jnp.asarray(shifts), jm.quaternion.exp(vectors)
+    )
+    found = measures.difference(motion, edited)
+    assert (found.frames, found.frames_changed) == (4, 2)
+    assert found.angle.value == pytest.approx(np.radians(0.051))
