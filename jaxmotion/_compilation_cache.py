@@ -22,9 +22,9 @@ _ZSTD = b"\x28\xb5\x2f\xfd"
 def enable_compilation_cache(folder: str | os.PathLike | None = None) -> Path:
     """Keep compiled programs on disk, so that the next process does not compile them again.
 
-    Sets JAX's configuration for the whole process. Not kept are programs that stop at a wrong
-    traced value, because they call the host: run your own ``jax.jit`` of the library inside of
-    ``with jaxmotion.checks("nan")``. Eager calls check what is known and are kept.
+    Sets JAX's configuration for the whole process. Not kept are programs that can stop at a wrong
+    value while they run, because they call the host: those of the smoothers, eager or in your own
+    ``jax.jit``. Inside of ``with jaxmotion.checks("nan")`` they are kept too.
 
     **Arguments:** ``folder``: made if it is not there; by default that of the command line:
     ``JAXMOTION_CACHE_DIR``, or ``jaxmotion`` in the user's folder of caches.

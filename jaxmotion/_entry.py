@@ -65,6 +65,19 @@ def finite_clip(
     and frames from ``length`` on do not count. ``hint``: what else to do about them."""
     one_clip(caller, motion, name, on_host=on_host)
     check_weights(caller, motion, weights)
+    return finite_numbers(caller, motion, name, weights, length, at_run_time, hint)
+
+
+def finite_numbers(
+    caller: str,
+    motion: Motion,
+    name: str = "motion",
+    weights: ArrayLike | None = None,
+    length: ScalarLike | None = None,
+    at_run_time: bool = False,
+    hint: str = "",
+) -> Motion:
+    """:func:`finite_clip` of what is one clip, with weights that fit it."""
     if traced(motion.rotations, motion.translations, weights, length):
         if at_run_time:
             arrays = motion.rotations, motion.translations

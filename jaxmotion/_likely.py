@@ -53,6 +53,8 @@ def unit(q: Float[np.ndarray, "... 4"]) -> Bool[np.ndarray, "..."]:
 
 def doubt_rotations(q: Float[np.ndarray, "time joint 4"]) -> tuple[str, str] | None:
     """The kind of doubt and the sentence, None if these look like unit quaternions (w, x, y, z)."""
+    if unit(q).all() and not _last_leads(q):  # as in all good clips: no more to look at
+        return None
     norms = np.linalg.norm(q, axis=-1)
     counts = (norms > 0) & np.isfinite(norms)
     if not counts.any():
@@ -76,6 +78,12 @@ def doubt_rotations(q: Float[np.ndarray, "time joint 4"]) -> tuple[str, str] | N
         )
         return "order", text
     return None
+
+
+def _last_leads(q: Float[np.ndarray, "... 4"]) -> bool:
+    """Whether the last component is larger than the first often enough to be the largest so."""
+    first, last = np.abs(q[..., 0]), np.abs(q[..., 3])
+    return int(np.sum(last > first)) > _LEADS * first.size
 
 
 def doubt_rates(turns: Float[np.ndarray, "step joint"], seconds: float) -> str:

@@ -127,6 +127,8 @@ class Motion(Portable):
         self.translations = translations
         self.rotations = rotations
         dtype = jax.dtypes.canonicalize_dtype(rotations.dtype)
+        if not isinstance(frame_time, jax.Array):
+            frame_time = np.asarray(frame_time, dtype)  # JAX takes twice as long for it
         self.frame_time = jnp.asarray(frame_time, dtype)
         self.translated_joints = (
             tuple(range(joints)) if translated_joints is None else tuple(translated_joints)

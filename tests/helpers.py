@@ -10,16 +10,19 @@ are numpy or SciPy and share no code with the library.
     quaternions_by(vectors)          exp, for clips made by hand: compiles nothing
     assert_same_rotation(a, b)       q and −q agree; tolerance in radians
     world_by_matrices(motion)        forward kinematics by 4x4 matrices, joint by joint
+    compilations()                   the names of programs compiled inside
     no_shape_checks()                the library as users run it, for the errors they see
     single_precision()               JAX as it comes, without float64
 """
 
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import jax
 import jax.numpy as jnp
 import jaxtyping
 import numpy as np
+from jax import monitoring
 from scipy.spatial.transform import Rotation
 
 from jaxmotion import Motion, Skeleton
@@ -230,3 +233,19 @@ def no_shape_checks():
         yield
     finally:
         jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@contextmanager
+def compilations() -> Iterator[list[str]]:
+    """The names of the programs that are compiled inside, as they are."""
+    names = []
+
+    def listen(event, seconds, **about):
+        if event.endswith("backend_compile_duration"):
+            names.append(about.get("fun_name", event))
+
+    monitoring.register_event_duration_secs_listener(listen)
+    try:
+        yield names
+    finally:
+        monitoring.unregister_event_duration_listener(listen)

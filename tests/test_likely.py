@@ -89,3 +89,20 @@ def test_real_captures_are_not_doubted_and_their_errors_are(data_dir):
         assert _likely.doubt_rotations(np.roll(q, -1, -1))[0] == "order", path
         looked_at += 1
     assert looked_at > 5
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.45, 0.5, 0.55, 0.8, 1.0])
+def test_good_clips_are_told_at_a_glance_and_no_others(monkeypatch, share):
+    """The short cut answers as what it spares would."""
+    rng = np.random.default_rng(5)
+    clips = []
+    for _ in range(20):
+        q = rng.standard_normal((16, 5, 4)) * rng.choice([0.3, 1.0], 4)
+        q /= np.linalg.norm(q, axis=-1, keepdims=True)
+        rolled = rng.random((16, 5, 1)) < share
+        by_size = np.take_along_axis(q, np.argsort(np.abs(q), axis=-1), axis=-1)
+        clips.append(np.where(rolled, by_size, q))
+    quick = [_likely.doubt_rotations(q) for q in clips]
+    monkeypatch.setattr(_likely, "_last_leads", lambda q: True)
+    assert quick == [_likely.doubt_rotations(q) for q in clips]
+    assert share != 1.0 or any(quick)

@@ -3,13 +3,12 @@
 import jax
 import numpy as np
 import pytest
-from jax import monitoring
 
 import jaxmotion as jm
 from jaxmotion import contacts, multiresolution, spacetime
 from jaxmotion._room import Room, room_for
 from jaxmotion.frames.padding import program_size
-from tests.helpers import assert_trees_close
+from tests.helpers import assert_trees_close, compilations
 
 
 @pytest.fixture(scope="module")
@@ -21,15 +20,8 @@ def walk():
 @pytest.fixture(scope="module")
 def compiled():
     """The programs that were compiled so far."""
-    names = []
-
-    def listen(event, seconds, **about):
-        if event.endswith("backend_compile_duration"):
-            names.append(about.get("fun_name", event))
-
-    monitoring.register_event_duration_secs_listener(listen)
-    yield names
-    monitoring.unregister_event_duration_listener(listen)
+    with compilations() as names:
+        yield names
 
 
 def _restored(motion):

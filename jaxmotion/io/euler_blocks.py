@@ -13,18 +13,15 @@ the distances that the scan compares, so the outcome is that of one long scan. O
 
 from collections.abc import Callable, Iterator, Sequence
 
-import jax
 import numpy as np
 
+from jaxmotion._program import one_program
+from jaxmotion._types import AnyArray
 from jaxmotion.quaternion import from_euler, multiply, to_euler
 
 _SAMPLES = 8192
 _FRAMES = 512
 _JOINTS = 32
-
-_from_euler = jax.jit(from_euler, static_argnames="order")
-_to_euler = jax.jit(to_euler, static_argnames=("order", "unwrap"))
-_sandwich = jax.jit(lambda left, q, right: multiply(multiply(left, q), right))
 
 
 def joints_by_order(orders: Sequence[str]) -> dict[str, list[int]]:
@@ -46,7 +43,7 @@ def quaternions(angles: np.ndarray, order: str, dtype: np.dtype) -> Callable[[],
         block = np.zeros((_SAMPLES, 3), dtype)
         piece = flat[start : start + _SAMPLES]
         block[: len(piece)] = piece
-        results.append(_from_euler(block, order=order))
+        results.append(from_euler(block, order))  # type: ignore[arg-type]
 
     def wait() -> np.ndarray:
         joined = np.concatenate([np.asarray(block) for block in results])
@@ -86,7 +83,7 @@ def _begin_angles(rotations: np.ndarray, block: slice, order: str) -> Callable[[
     results = []
     for j in range(0, joints, _JOINTS):
         padded = _padded(rotations[:, j : j + _JOINTS], _FRAMES, _JOINTS)
-        results.append(_to_euler(padded, order=order, unwrap=True))
+        results.append(to_euler(padded, order, unwrap=True))  # type: ignore[arg-type]
 
     def wait() -> np.ndarray:
         joined = np.concatenate([np.asarray(block)[:frames] for block in results], axis=1)
@@ -119,6 +116,11 @@ def products(left: np.ndarray, rotations: np.ndarray, right: np.ndarray) -> np.n
         rows, columns, _ = result[here].shape
         result[here] = np.asarray(block)[:rows, :columns]
     return result
+
+
+@one_program()
+def _sandwich(left, q, right) -> AnyArray:
+    return multiply(multiply(left, q), right)
 
 
 def _padded(rotations: np.ndarray, *shape: int) -> np.ndarray:

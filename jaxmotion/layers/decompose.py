@@ -30,7 +30,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
 from jaxmotion._checks import counted, known, one_number, one_of, require, static, traced
-from jaxmotion._entry import MISSING, check_weights, finite_clip, one_clip
+from jaxmotion._entry import MISSING, check_weights, finite_numbers, one_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
 from jaxmotion._room import Room, room_for
@@ -205,7 +205,7 @@ def checked_weights(
         count, motion = counted(f"{caller}: length", length, motion.num_frames, motion)
         weights = counted_weights(weights, count, motion.num_frames, motion.dtype)
     hint = "" if caller == "stylize" else MISSING  # it takes no weights
-    return finite_clip(caller, motion, weights=weights, at_run_time=True, hint=hint), weights
+    return finite_numbers(caller, motion, weights=weights, at_run_time=True, hint=hint), weights
 
 
 @compiled

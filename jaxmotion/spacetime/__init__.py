@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING
 from jaxmotion._lazy import loader
 from jaxmotion.spacetime.joint_limits import JointLimits, learn_limits
 from jaxmotion.spacetime.keeping import ConvergenceWarning, keep_contacts, restore
+from jaxmotion.spacetime.report import Report
 
 if TYPE_CHECKING:
-    from jaxmotion.spacetime.solve import Report, Weights, satisfy
+    from jaxmotion.spacetime.solve import Weights, satisfy
 else:  # hidden from type checkers, to which it would make every name one of this module
     # optimistix takes a third of a second to import.
-    __getattr__ = loader(__name__, dict.fromkeys(("Report", "Weights", "satisfy"), "solve"))
+    __getattr__ = loader(__name__, dict.fromkeys(("Weights", "satisfy"), "solve"))
 
 __all__ = [
     "ConvergenceWarning",

@@ -27,10 +27,11 @@ from jaxmotion.contacts import Contacts, detect, fit_distances
 from jaxmotion.contacts.contact import check_frames, check_kept
 from jaxmotion.contacts.nearby import contacts_near, motion_near, moved_as, origin_of
 from jaxmotion.motion import Motion
-from jaxmotion.spacetime.solve import with_room, without_room
+from jaxmotion.spacetime.report import cut, roomy
 
 if TYPE_CHECKING:
-    from jaxmotion.spacetime.solve import Report, Weights
+    from jaxmotion.spacetime.report import Report
+    from jaxmotion.spacetime.solve import Weights
 
 _FADE = 0.2  # seconds
 _SIZE, _ROOT = 1.25e-7, 8.0
@@ -125,10 +126,10 @@ def _restored(
         weights = spacetime.Weights(size=_SIZE, bend=_SIZE * _FADE**4, root=_ROOT)
     room = Room(motion.num_frames)
     if length is None:
-        room, motion, contacts = with_room(motion, contacts, weights)
+        room, motion, contacts = roomy(motion, contacts, weights)
     start, fitted = _aimed(motion, contacts)
     answer, report = spacetime.satisfy(start, fitted, weights=weights, length=room.length or length)
-    return without_room(room, _moved_as(motion, start, answer), report)
+    return cut(room, _moved_as(motion, start, answer), report)
 
 
 @compiled

@@ -31,24 +31,23 @@ of reach, or that contradict each other, get the compromise of least squares, wh
 ``report.position_error`` shows. Contacts are held while ``mask`` is set; ``ramp`` lies outside.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from jaxmotion._checks import counted, one_of, poisoned, raise_faults, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
-from jaxmotion._room import Room, room_for
-from jaxmotion._summary import brief, some
-from jaxmotion._types import AnyArray, ScalarLike
+from jaxmotion._room import Room
+from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import ContactPoints, Contacts
-from jaxmotion.contacts.contact import check_frames, over_time
+from jaxmotion.contacts.contact import check_frames
 from jaxmotion.contacts.detect import mean_limb_lengths
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, moved_as, origin_of
 from jaxmotion.frames.count import frame_mask
@@ -60,6 +59,7 @@ from jaxmotion.spacetime.hierarchical import hierarchical
 from jaxmotion.spacetime.joint_limits import JointLimits
 from jaxmotion.spacetime.prior import Prior
 from jaxmotion.spacetime.problem import Problem, active_joints, restrict
+from jaxmotion.spacetime.report import Report, Solution, cut, report_of, roomy
 from jaxmotion.spacetime.terms.contacts import contact_term
 from jaxmotion.spacetime.terms.floor import FloorTerm
 from jaxmotion.spacetime.terms.limits import LimitTerm
@@ -89,36 +89,6 @@ class Weights(Portable):
     size: ScalarLike = 1e-6
     bend: ScalarLike = 1e-6 * 0.12**4
     root: ScalarLike = 4.0
-
-
-class Report(Portable):
-    """How well it went.
-
-    **Fields:**
-
-    - ``position_error``: f[T, C], distance to the target in contact, 0 elsewhere; file unit.
-    - ``penetration``: f[T, C], depth below the floor, file unit; 0 without a floor.
-    - ``limit_excess``: f[T, J], radians beyond the limits; 0 without.
-    - ``cost_before``, ``cost``: E of the clip as given, and of the answer.
-    - ``num_steps``: iterations (levels, if hierarchical); ``converged``: whether they reached the
-      tolerance (always, if hierarchical: it takes a fixed number).
-    """
-
-    position_error: Float[AnyArray, "time point"]
-    penetration: Float[AnyArray, "time point"]
-    limit_excess: Float[AnyArray, "time joint"]
-    cost_before: Float[Array, ""]
-    cost: Float[Array, ""]
-    num_steps: Int[Array, ""]
-    converged: Bool[Array, ""]
-
-    def _words(self) -> Iterator[str]:
-        *_, frames, points = self.position_error.shape
-        yield some(frames, "frame")
-        yield some(points, "point")
-        yield f"cost {brief(self.cost_before)} to {brief(self.cost)}"
-        yield f"num_steps={brief(self.num_steps)}"
-        yield f"converged={brief(self.converged)}"
 
 
 @static("max_steps", "throw")
@@ -174,7 +144,7 @@ def satisfy(
         count, motion = counted("satisfy: length", length, motion.num_frames, motion)
     finite_clip("satisfy", motion, length=count)
     if length is None and method == "gauss_newton":
-        room, motion, contacts = with_room(motion, contacts, joint_limits, floor, weights, ramp)
+        room, motion, contacts = roomy(motion, contacts, joint_limits, floor, weights, ramp)
         count = None if room.length is None else jnp.asarray(room.length, jnp.int32)
     dtype = motion.dtype
     weights = Weights() if weights is None else weights
@@ -191,27 +161,11 @@ def satisfy(
         float(tolerance),
         _STEPS[method] if max_steps is None else int(max_steps),
     )
-    answer, report = without_room(room, answer, report)
+    answer, report = cut(room, answer, report)
     if not throw:
         return answer, report
     message = "satisfy: not at rest when its steps were used up; give more, or a larger tolerance"
     return raise_faults((answer, report), [(~report.converged, message)])
-
-
-def with_room(motion: Motion, contacts: Contacts, *given) -> tuple[Room, Motion, Contacts]:
-    """Room for a clip and its contacts, and both in it; ``given``: what else may be traced."""
-    room = room_for(motion, contacts, given)
-    filled = tuple(map(room.fill, over_time(contacts)))
-    return room, room.fill(motion), eqx.tree_at(over_time, contacts, filled)
-
-
-def without_room(room: Room, answer: Motion, report: Report) -> tuple[Motion, Report]:
-    """The frames that count of what came out."""
-
-    def by_frame(report):
-        return report.position_error, report.penetration, report.limit_excess
-
-    return room.cut(answer), eqx.tree_at(by_frame, report, tuple(map(room.cut, by_frame(report))))
 
 
 @compiled
@@ -238,7 +192,7 @@ def _satisfy(given, contacts, limits, floor, weights, ramp, count, method, toler
     prior = Prior(weights.size, weights.bend / motion.frame_time**4, count)
     how = method, tolerance, max_steps
     answer, solution = meet(motion, contacts.points, terms, prior, weights.root, *how)
-    report = _report(answer, contacts.points, terms, count, solution)
+    report = report_of(answer, contacts.points, terms, count, solution)
     # Steps that are not finite are not taken: of a fault nothing is seen in the answer.
     return poisoned((moved_as(given, motion, answer), report), faults)
 
@@ -254,15 +208,6 @@ def _only(contacts: Contacts, count: Int[Array, ""]) -> Contacts:
     """The contacts of the frames that count."""
     counts = frame_mask(count, contacts.num_frames)
     return eqx.tree_at(lambda c: c.mask, contacts, contacts.mask & counts[:, None])
-
-
-class Solution(eqx.Module):
-    """E before and after, iterations, and whether they came to rest."""
-
-    before: Float[Array, ""]
-    after: Float[Array, ""]
-    steps: Int[Array, ""]
-    converged: Bool[Array, ""]
 
 
 def meet(
@@ -372,23 +317,4 @@ def _pose_alone(motion, q, terms, prior) -> Problem:
         stiffness=jnp.ones((6,), dtype),
         prior=prior,
         terms=terms,
-    )
-
-
-def _report(answer, points, terms, count, solution: Solution) -> Report:
-    y = points.positions(answer)
-    none = jnp.zeros(y.shape[:2], y.dtype)
-    nothing = jnp.zeros(answer.rotations.shape[:2], answer.dtype)
-    fields = {"position_error": none, "penetration": none, "limit_excess": nothing}
-    for term in terms:
-        fields |= term.report(answer, y)
-    if count is not None:
-        counts = frame_mask(count, answer.num_frames)[:, None]
-        fields = {name: jnp.where(counts, x, 0) for name, x in fields.items()}
-    return Report(
-        **fields,
-        cost_before=solution.before,
-        cost=solution.after,
-        num_steps=solution.steps,
-        converged=solution.converged,
     )
