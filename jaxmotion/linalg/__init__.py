@@ -26,6 +26,7 @@ from jaxmotion.linalg.block_banded import (
 )
 from jaxmotion.linalg.chain_covariance import (
     Knowledge,
+    chain_bend_variance,
     chain_covariance,
     chain_knowledge,
     chain_log_det,
@@ -74,6 +75,7 @@ __all__ = [
     "block_banded_selected_inverse",
     "block_banded_solve",
     "block_banded_substitute",
+    "chain_bend_variance",
     "chain_covariance",
     "chain_factor",
     "chain_knowledge",

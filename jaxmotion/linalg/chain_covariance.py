@@ -181,6 +181,17 @@ def _weighed(
     return lax.scan(step, (start, State(*nothing_known(chain))), chain, reverse=reverse)[1]
 
 
+def chain_bend_variance(factor: ChainFactor) -> Array:
+    """Variance of every second difference, ``v_{j+1} - v_j``.
+
+    O(T). Differentiable, as scans.
+
+    **Arguments:** ``factor``: of the chain.
+    **Returns:** f[T - 2, *k], of the frames but the first and the last.
+    """
+    return _bend_variance(factor, _known_after(factor))
+
+
 def chain_log_det(chain: DifferenceChain) -> Array:
     """``log det P``.
 

@@ -54,6 +54,7 @@ from jaxmotion._types import ArrayLike, Key
 from jaxmotion.linalg import (
     DifferenceChain,
     Knowledge,
+    chain_bend_variance,
     chain_factor,
     chain_knowledge,
     chain_log_det,
@@ -101,6 +102,17 @@ class Posterior(Portable):
         """Covariance of frames j and j + 1, f[Nf - 1] or f[Nf - 1, *k]. O(Nf)."""
         x, cross, _ = self._knowledge().covariance()
         return self._per_frame(x[1:] - cross[1:])
+
+    @property
+    def bend_variance(self) -> Array:
+        """Variance of each second difference x_{j-1} - 2 x_j + x_{j+1}, f[Nf - 2] or f[Nf - 2, *k],
+        without the loss of digits that the variances of frames would bring. O(Nf)."""
+        return self._per_frame(chain_bend_variance(chain_factor(self._chain)))
+
+    @property
+    def readings(self) -> Array:
+        """Weight of the data at each frame, 0 where there are none, f[Nf, *k]."""
+        return self._chain.weight
 
     @property
     def fitted(self) -> Array:

@@ -13,7 +13,9 @@ m the dimension of the prior's null space (2 or 1), n = N − m, H the smoother'
 
 F is looked at a decade apart, and the two decades around the least are bisected on the sign of
 dF/ds, exact by forward mode (one derivative serves all groups, as each depends on its own s only):
-one loop of 18 looks, O(N) each, so that the smoother is compiled once. The result is a constant: no
+one loop of 18 looks, O(N) each, so that the smoother is compiled once. With ``prior="student"``
+second differences have heavy tails, learned along with λ and σ (:mod:`.heavy_tails`): a stiffness
+by frame tells sudden moves from noise. The result is a constant: no
 gradient passes through ``tune`` (to tune by a loss of your own, differentiate the smoother with
 respect to λ and σ, and by frame to its ``stiffness`` and ``weights``).
 
@@ -23,6 +25,7 @@ names the choice of λ as future work.
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Literal, TypeAlias
 
 import equinox as eqx
@@ -39,10 +42,12 @@ from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
 from jaxmotion.smoothing.design import check_known
+from jaxmotion.smoothing.heavy_tails import Look, Tails, settle
 from jaxmotion.smoothing.lgs import Posterior, lgs
 
 Criterion: TypeAlias = Literal["evidence", "gcv", "holdout"]
 Per: TypeAlias = Literal["clip", "joint", "channel"]
+Prior: TypeAlias = Literal["gaussian", "student"]
 
 # ρ from 10⁻² (the data themselves) to 10⁵ (a straight line over seconds), a decade apart. The
 # criteria change over decades of ρ (the effective number of parameters goes as ρ^(-1/2)).
@@ -57,12 +62,15 @@ class Tuning(Portable):
 
     **Fields:** ``lam``, ``sigma``: what to give the smoother, shaped by ``per``: f[] for "clip",
     f[J] for "joint" (the first channel axis), f[*channels] for "channel"; ``score``: the criterion
-    there, likewise.
+    there, likewise. With ``prior="student"``, else None: ``dof``, the degrees of freedom ν of
+    second differences, likewise (100 for a Gaussian's tails), and ``stiffness``, f[Nf, *those].
     """
 
     lam: Float[Array, "..."]
     sigma: Float[Array, "..."]
     score: Float[Array, "..."]
+    dof: Float[Array, "..."] | None = None
+    stiffness: Float[Array, "frames ..."] | None = None
 
 
 class MotionTuning(Portable):
@@ -92,26 +100,29 @@ def tune(
     weights: ArrayLike | None = None,
     order: Literal[1, 2] = 2,
     scale: Literal["half", "unit"] = "half",
+    prior: Prior = "gaussian",
 ) -> Tuning | MotionTuning:
     """Learn λ and σ from noisy data.
 
     Data too short to learn from (n ≤ 0) get ρ = 1; data that keep still but for rounding (8 eps of
     their size), which hold neither noise nor movement, ρ = σ = 1 (rotations of a motion: σ =
-    √(4/3), as all of them are scaled). 18 looks, O(Nd + Nf) each. No gradient passes through the
-    result.
+    √(4/3), as all of them are scaled). 18 looks (22 for "student"), O(Nd + Nf) each. No gradient
+    passes through the result.
 
     **Arguments:** ``y``: f[Nd, *channels], or a motion; ``criterion``: "evidence" (restricted
     likelihood), "gcv" (generalised cross-validation) or "holdout" (five folds); ``per``: how much
     shares one pair, "clip", "joint" (the first channel axis; a signal without one counts as one
     joint) or "channel" (not of a motion); ``index``, ``num_frames``, ``weights``, ``order``,
-    ``scale``: as :func:`~jaxmotion.smoothing.lgs`.
+    ``scale``: as :func:`~jaxmotion.smoothing.lgs`; ``prior``: second differences are "gaussian", as
+    in the paper, or "student": sudden moves are told from noise (:mod:`.heavy_tails`), by evidence
+    and for order 2.
     **Returns:** :class:`Tuning`, or for a motion :class:`MotionTuning`, ready for
     :func:`smooth_quaternions` and :func:`smooth_motion`.
     **Raises:** ``ValueError`` for unknown options; as :func:`~jaxmotion.smoothing.lgs` for bad
     data.
     """
     options = {"criterion": criterion, "per": per, "order": order, "scale": scale}
-    options |= {"index": index, "num_frames": num_frames}
+    options |= {"index": index, "num_frames": num_frames, "prior": prior}
     if isinstance(y, Motion):
         if per == "channel":
             raise ValueError("tune: per='channel' needs a signal; a motion has 'clip' or 'joint'")
@@ -138,16 +149,16 @@ def tune_clip(
     # Noise leaves a quaternion's length as it is, so that one of its four components has none.
     share = math.sqrt(4 / 3)
     lam, sigma = turning.lam / share ** (3 - order), turning.sigma * share
-    turning = Tuning(lam, sigma, turning.score)
+    turning = replace(turning, lam=lam, sigma=sigma)
     moved = np.asarray(motion.translated_joints, int)
-    ones = jnp.ones_like(turning.lam)
     if not moved.size:
-        return MotionTuning(turning, Tuning(ones, ones, ones))
+        return MotionTuning(turning, jax.tree.map(jnp.ones_like, turning))
     if weights is not None and np.ndim(weights) > 1:
         weights = jnp.asarray(weights)[:, moved]
     moving = tune_signal(motion.translations[:, moved], weights=weights, **options)
     if per == "joint":
-        moving = jax.tree.map(lambda x: ones.at[moved].set(x), moving)
+        of_joints = jax.tree.map(jnp.ones_like, turning)
+        moving = jax.tree.map(lambda all, x: all.at[..., moved].set(x), of_joints, moving)
     return MotionTuning(turning, moving)
 
 
@@ -161,10 +172,14 @@ def tune_signal(
     weights: ArrayLike | None = None,
     order: Literal[1, 2] = 2,
     scale: Literal["half", "unit"] = "half",
+    prior: Prior = "gaussian",
 ) -> Tuning:
     """:func:`tune` for a signal f[Nd, *channels], with its options."""
     one_of("tune: criterion", criterion, ("evidence", "gcv", "holdout"))
     one_of("tune: per", per, ("clip", "joint", "channel"))
+    one_of("tune: prior", prior, ("gaussian", "student"))
+    if prior == "student" and (criterion, order) != ("evidence", 2):
+        raise ValueError("tune: prior='student' is learned by criterion='evidence' for order=2")
     channels = y.shape[1:]
     kept = {"clip": (), "joint": channels[:1], "channel": channels}[per]
     grouped = y.reshape(y.shape[0], int(np.prod(kept)), -1)
@@ -173,12 +188,12 @@ def tune_signal(
     if weights is not None and weights.ndim > 1:
         spread = weights.reshape(weights.shape + (1,) * (y.ndim - weights.ndim))
         weights = jnp.broadcast_to(spread, y.shape).reshape(grouped.shape)
-    found = _tune(grouped, weights, index, criterion, num_frames, order, scale)
-    return jax.tree.map(lambda x: x.reshape(kept), found)
+    found = _tune(grouped, weights, index, criterion, num_frames, order, scale, prior)
+    return jax.tree.map(lambda x: x.reshape(*x.shape[:-1], *kept), found)
 
 
 @eqx.filter_jit
-def _tune(y, weights, index, criterion: str, num_frames, order, scale) -> Tuning:
+def _tune(y, weights, index, criterion: str, num_frames, order, scale, prior: str) -> Tuning:
     """``y`` f[Nd, G, C]; one pair for each of the G groups."""
     y, weights = jax.lax.stop_gradient((y, weights))
     base = jnp.ones((y.shape[0], 1, 1), y.dtype)
@@ -194,7 +209,7 @@ def _tune(y, weights, index, criterion: str, num_frames, order, scale) -> Tuning
     mean = jnp.sum(present * y, axis=0) / jnp.maximum(jnp.sum(present, axis=0), 1)
     still = jnp.sum(present * (y - mean) ** 2, axis=(0, 2)) <= floor
 
-    def smooth(s, weights) -> Posterior:
+    def smooth(s, weights, stiffness=None) -> Posterior:
         return lgs(
             y,
             jnp.exp(s)[:, None],
@@ -203,26 +218,42 @@ def _tune(y, weights, index, criterion: str, num_frames, order, scale) -> Tuning
             num_frames=num_frames,
             order=order,
             weights=weights,
+            stiffness=None if stiffness is None else stiffness[:, :, None],
             scale=scale,
         )
 
-    def evaluate(s):
-        """F and σ² of every group."""
-        post = smooth(s, weights)
+    def evaluate(s, stiffness=None):
+        """F of every group; σ² and the smoother."""
+        post = smooth(s, weights, stiffness)
         if criterion == "evidence":
             energy = jnp.sum(post.energy, axis=1)
             rest = -2 * jnp.sum(post.log_evidence, axis=1) - energy
             energy = energy + floor
-            return free * jnp.log(energy) + rest, energy / jnp.maximum(free, 1)
+            return free * jnp.log(energy) + rest, (energy / jnp.maximum(free, 1), post)
         rss = floor + jnp.sum(base * present * (y - post.fitted) ** 2, axis=(0, 2))
         trace = jnp.sum(jnp.broadcast_to(post.leverage, y.shape) * present, axis=(0, 2))
         degrees = jnp.clip(count - trace, min=jnp.finfo(y.dtype).eps * count)
         if criterion == "gcv":
-            return jnp.log(rss) - 2 * jnp.log(degrees / count), rss / degrees
-        return jnp.log(floor + _held_out(smooth, s, y, base * present)), rss / degrees
+            return jnp.log(rss) - 2 * jnp.log(degrees / count), (rss / degrees, post)
+        return jnp.log(floor + _held_out(smooth, s, y, base * present)), (rss / degrees, post)
 
-    grid = jnp.asarray(_GRID, y.dtype)
     learnable = jnp.where((free > 0) & ~still, 1, 0).astype(y.dtype)
+    tails = Tails(None, None)
+    frames = y.shape[0] if num_frames is None else num_frames
+    if prior == "gaussian":
+        look = _bisected(evaluate, learnable)
+    else:
+        unit = 0.25 if scale == "half" else 1.0
+        look, tails = settle(evaluate, learnable, _GRID, frames, unit)
+    sigma = jnp.where(still, 1, jnp.sqrt(look.variance))
+    variance = jnp.where(still, 1, look.variance)
+    lam = jnp.exp(look.s) / (sigma if order == 2 else variance)
+    return Tuning(lam, sigma, look.score, *tails)
+
+
+def _bisected(evaluate, learnable: Float[Array, " group"]) -> Look:
+    """The last look of the module's search."""
+    grid = jnp.asarray(_GRID, learnable.dtype)
 
     def probe(state, k):
         """One look at the criterion: along the grid first, then halving the best bracket."""
@@ -230,22 +261,18 @@ def _tune(y, weights, index, criterion: str, num_frames, order, scale) -> Tuning
         on_grid = k < len(_GRID)
         s = jnp.where(on_grid, grid[jnp.minimum(k, len(_GRID) - 1)], 0.5 * (low + high))
         s = learnable * s
-        (score, variance), (slope, _) = jax.jvp(evaluate, (s,), (jnp.ones_like(s),))
+        score, slope, (variance, _) = jax.jvp(evaluate, (s,), (jnp.ones_like(s),), has_aux=True)
         better = on_grid & (score < least)
         beyond = ~on_grid & (slope >= 0)
         before = ~on_grid & (slope < 0)
         low = jnp.where(before, s, jnp.where(better, jnp.maximum(s - _STEP, grid[0]), low))
         high = jnp.where(beyond, s, jnp.where(better, jnp.minimum(s + _STEP, grid[-1]), high))
-        return (jnp.where(better, score, least), low, high), (s, score, variance)
+        return (jnp.where(better, score, least), low, high), Look(s, score, variance)
 
-    everywhere = jnp.ones(y.shape[1], y.dtype)
+    everywhere = jnp.ones_like(learnable)
     start = (jnp.inf * everywhere, grid[0] * everywhere, grid[-1] * everywhere)
     looks = jnp.arange(len(_GRID) + _BISECTIONS + 1)
-    s, found, variance = (x[-1] for x in jax.lax.scan(probe, start, looks)[1])
-    sigma = jnp.where(still, 1, jnp.sqrt(variance))
-    variance = jnp.where(still, 1, variance)
-    lam = jnp.exp(s) / (sigma if order == 2 else variance)
-    return Tuning(lam, sigma, found)
+    return jax.tree.map(lambda x: x[-1], jax.lax.scan(probe, start, looks)[1])
 
 
 def _held_out(smooth, s: Array, y: Array, weights: Array) -> Array:

@@ -1,0 +1,147 @@
+"""Sudden moves told from noise: second differences with heavy tails, learned with λ and σ.
+
+A limb at rest that flicks for two frames and rests again is no Gaussian process: smoothed as one,
+it is either noise all over, and the flick is smeared, or rough all over, and the noise stays. With
+a scale u_t of its own for every frame, shared by a joint's C channels,
+
+    x''_t | u_t ~ N(0, τ²/u_t),    u_t ~ Gamma(ν/2, ν/2)       x''_t is Student's t of ν degrees
+
+and given u the smoother is the linear one whose stiffness is √u. What the frames tell of u is again
+a Gamma (variational Bayes, by blocks x and u):
+
+    E u_t = (ν + C)/(ν + z_t),    z_t = E ‖x''_t‖²/τ²      mean and variance of the smoother's bend
+
+ν solves log(ν/2) + 1 - ψ(ν/2) + mean(E log u - E u) = 0. Large ν is the Gaussian.
+
+s = log ρ, and with it λ and σ, is looked for along the grid first, u as the data themselves have
+it: begun with u = 1, a flick would be called noise and stay so. Then every look at the slope of the
+evidence takes a step of s, halved where the slope turns round, and u and ν are learned from that
+look's smoother. One loop, O(N) a look.
+
+Tipping & Lawrence 2005 (variational Student's t); Lange, Little & Taylor 1989 (its degrees).
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import digamma
+from jaxtyping import Array, Float
+
+from jaxmotion.smoothing.lgs import Posterior
+
+_LEAST, _MOST = 1.0, 100.0  # degrees of freedom
+_DOF = 2.0  # to begin with
+_HALVINGS = 12
+_STEPS = 14
+_FIRST, _LONGER, _SHORTER = 0.7, 1.2, 0.5  # steps of s
+
+
+class Look(NamedTuple):
+    """One look at every group: s, F and σ² there, f[G] each."""
+
+    s: Float[Array, " group"]
+    score: Float[Array, " group"]
+    variance: Float[Array, " group"]
+
+
+class Tails(NamedTuple):
+    """What is learned of second differences.
+
+    **Fields:** ``dof``: ν, f[G]; ``stiffness``: √(E u), f[Nf, G], 1 where no data tell.
+    """
+
+    dof: Float[Array, " group"] | None
+    stiffness: Float[Array, "frames group"] | None
+
+
+class _Search(NamedTuple):
+    """f[G] each: the s to look at, the least F of the grid and its s, the step of s, its sense."""
+
+    s: Array
+    least: Array
+    best: Array
+    step: Array
+    sense: Array
+
+
+def settle(
+    evaluate: Callable[[Array, Array], tuple[Array, tuple[Array, Posterior]]],
+    learnable: Float[Array, " group"],
+    grid: np.ndarray,
+    frames: int,
+    unit: float,
+) -> tuple[Look, Tails]:
+    """s and the tails of every group, learned together.
+
+    **Arguments:** ``evaluate``: (s, stiffness) to F, and to σ² and the smoother of data f[Nd, G, C]
+    for a σ of 1; ``learnable``: 1 for groups that say something, 0 for those that get s = 0;
+    ``grid``: of s, where to look first; ``frames``: Nf, three or more; ``unit``: the square that
+    the prior's rows (1, -2, 1) are scaled by.
+    """
+    every = jnp.ones_like(learnable)
+    _, (_, rough) = evaluate(grid[0] * every, jnp.ones((frames, len(every)), every.dtype))
+    told = jnp.any(rough.readings[1:-1] > 0, axis=-1) & (learnable > 0)
+    channels = rough.mean.shape[-1]
+    bends = jnp.sum(jnp.diff(rough.mean, n=2, axis=0) ** 2, axis=-1)
+    usual = jnp.nanmedian(jnp.where(told, bends, jnp.nan), axis=0)
+    tiny = float(jnp.finfo(bends.dtype).tiny)
+    first = _tails(channels * bends / jnp.maximum(usual, tiny), _DOF * every, told, channels)
+
+    def look(state, k):
+        search, tails = state
+        on_grid = k < len(grid)
+        score, slope, (variance, post) = jax.jvp(
+            lambda s: evaluate(s, tails.stiffness), (search.s,), (every,), has_aux=True
+        )
+        better = on_grid & (score < search.least)
+        best = jnp.where(better, search.s, search.best)
+        sense = jnp.where(slope < 0, every, -every)
+        longer = jnp.where(sense * search.sense < 0, _SHORTER, _LONGER)
+        step = search.step * jnp.where(on_grid, 1, longer)
+        ahead = jnp.clip(search.s + sense * step, grid[0], grid[-1])
+        along = jnp.where(k < len(grid) - 1, jnp.asarray(grid, every.dtype)[k + 1], best)
+        nearby = _Search(
+            learnable * jnp.where(on_grid, along, ahead),
+            jnp.where(better, score, search.least),
+            best,
+            step,
+            jnp.where(on_grid, 0, sense),
+        )
+
+        def learned():
+            bends = jnp.sum(jnp.diff(post.mean, n=2, axis=0) ** 2, axis=-1)
+            loose = jnp.sum(jnp.broadcast_to(post.bend_variance, post.mean[2:].shape), axis=-1)
+            z = unit * jnp.exp(2 * search.s) * (bends / variance + loose)
+            return _tails(z, tails.dof, told, channels)
+
+        after = jax.lax.cond(on_grid, lambda: tails, learned)
+        return (nearby, after), (Look(search.s, score, variance), tails)
+
+    start = _Search(learnable * grid[0], jnp.inf * every, 0 * every, _FIRST * every, 0 * every)
+    looks = jnp.arange(len(grid) + _STEPS)
+    _, found = jax.lax.scan(look, (start, first), looks)
+    return jax.tree.map(lambda x: x[-1], found)
+
+
+def _tails(z: Array, dof: Array, told: Array, channels: int) -> Tails:
+    """E u where second differences are z times what they should be in square, and the ν of those
+    that data tell of."""
+    shape, rate = (dof + channels) / 2, (dof + z) / 2
+    logs = digamma(shape) - jnp.log(rate) - shape / rate
+    mean = jnp.sum(jnp.where(told, logs, 0), axis=0) / jnp.maximum(jnp.sum(told, axis=0), 1)
+
+    def halve(_, ends):
+        low, high = ends
+        middle = (low + high) / 2
+        half = jnp.exp(middle) / 2
+        more = jnp.log(half) + 1 - digamma(half) + mean > 0
+        return jnp.where(more, middle, low), jnp.where(more, high, middle)
+
+    ends = (jnp.full_like(dof, np.log(_LEAST)), jnp.full_like(dof, np.log(_MOST)))
+    low, high = jax.lax.fori_loop(0, _HALVINGS, halve, ends)
+    softest = float(jnp.finfo(z.dtype).eps) ** 0.5
+    scales = jnp.where(told, jnp.maximum(jnp.sqrt(shape / rate), softest), 1)
+    return Tails(jnp.exp((low + high) / 2), jnp.pad(scales, ((1, 1), (0, 0)), constant_values=1))
