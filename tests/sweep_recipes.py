@@ -457,6 +457,7 @@ EXCEPTIONS = {
     "io.save": "writes the file that the recipe of io.load reads",
     "kinematics.mirrored_pairs": "pairs of numbers, from names alone",
     "samples.names": "a list of names",
+    "smoothing.bridged": "a list about concrete clips, in NumPy",
     "viz.plot_alignment": "a picture",
     "viz.plot_contacts": "a picture",
 }

@@ -1,5 +1,7 @@
 """``jaxmotion denoise``: remove the noise of the capture, keep the motion."""
 
+import warnings
+from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +16,15 @@ from jaxmotion.cli._options import (
     running_options,
     selection_options,
 )
-from jaxmotion.cli._work import Edited
+from jaxmotion.cli._terminal import Notice
+from jaxmotion.cli._work import Edited, confined
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
+    from jaxmotion.smoothing import Bridge
 
+_NAMED = 5
+_SEEN = 0.05  # degrees; less is outside of the selection
 _POSITIVE = click.FloatRange(min=0, min_open=True)
 
 
@@ -37,7 +43,9 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
     default=None,
     help="Learn the smoothness of every joint from the clip, or take the paper's.  [default: auto]",
 )
-@click.option("--robust", is_flag=True, default=None, help="Find spikes first, and bridge them.")
+@click.option(
+    "--robust", is_flag=True, default=None, help="Find spikes first, and bridge and list them."
+)
 @click.option("--lam", type=_POSITIVE, help="Smoothness of what is kept; for experts.")
 @click.option("--sigma", type=_POSITIVE, help="Noise of the capture; for experts.")
 @keep_contacts_option
@@ -67,13 +75,51 @@ def command(
         raise click.UsageError("--auto learns what --lam and --sigma give; use one or the other")
     given = {"method": method, "tune": auto, "robust": robust, "lam": lam, "sigma": sigma}
     options = {name: value for name, value in given.items() if value is not None}
-    edit_files(partial(edit, options=options), batch, running, selection, keep=keep_contacts)
+    made = partial(edit, options=options, selection=selection)
+    edit_files(made, batch, running, selection, keep=keep_contacts)
 
 
-def edit(motion: "Motion", length: int, *, options: dict[str, Any]) -> Edited:
-    """The library's denoiser on a padded clip; what is not given is left to it."""
-    from jaxmotion.cli._learned import of_noise
+def edit(motion: "Motion", length: int, *, options: dict[str, Any], selection: Selection) -> Edited:
+    """The library's denoiser on a padded clip; what is not given is left to it. Tells what it
+    bridged."""
     from jaxmotion.layers.synthesize import denoised
 
     found = denoised(motion, length=length, **options)
-    return Edited(found.motion, partial(of_noise, motion, length, found.tuning))
+    rows = ()
+    if options.get("robust"):
+        rows = bridges(motion, confined(motion, found.motion, length, selection), length)
+    if rows:
+        warnings.warn(in_brief(rows), Notice, stacklevel=2)
+    return Edited(found.motion, partial(_learned, motion, length, found.tuning, rows))
+
+
+def _learned(motion: "Motion", length: int, tuning: Any, rows: "tuple[Bridge, ...]") -> dict:
+    """What goes into the report: the noise of every joint, and what was bridged."""
+    from jaxmotion.cli._learned import of_noise
+
+    noise = of_noise(motion, length, tuning)
+    return noise | {"bridged": [row._asdict() for row in rows]} if rows else noise
+
+
+def bridges(motion: "Motion", clean: "Motion", length: int) -> "tuple[Bridge, ...]":
+    """The spikes of a padded clip that differ in the ``clean`` one, bridged."""
+    import numpy as np
+
+    from jaxmotion.smoothing import bridged, outlier_weights
+
+    counts = np.asarray(np.arange(motion.num_frames) < length, motion.dtype)
+    weights = np.where(counts[:, None] > 0, outlier_weights(motion, weights=counts), 1)
+    return tuple(row for row in bridged(motion, clean, weights) if row.degrees > _SEEN)
+
+
+def in_brief(rows: "Sequence[Bridge]") -> str:
+    """What was bridged, in a line: each of a few, of many the largest."""
+    count = "1 spike" if len(rows) == 1 else f"{len(rows)} spikes"
+    if len(rows) <= _NAMED:
+        return f"bridged {count}: {', '.join(map(_named, rows))}"
+    return f"bridged {count}, the largest {_named(max(rows, key=lambda row: row.degrees))}"
+
+
+def _named(row: "Bridge") -> str:
+    frames = f"{row.frame}" if row.frame == row.last_frame else f"{row.frame}-{row.last_frame}"
+    return f"{row.joint} {frames} by {row.degrees:.3g}°"

@@ -122,8 +122,8 @@ def denoise(
     control layer; ``lam``, ``sigma``: that layer's parameters, scalars or f[J], and nothing is
     learned (one left out is 1); ``strength``: the share of the residual that is removed, 1 for all,
     0 for none, a scalar, f[J] or f[T, J]; ``method``: as :func:`decompose`; ``robust``: find spikes
-    and other gross errors first and bridge them (``smoothing.outlier_weights``); ``weights``,
-    ``length``: as :func:`decompose`.
+    first and bridge them (``weights=smoothing.outlier_weights(motion)`` does the same, and
+    ``smoothing.bridged`` lists what was bridged); ``weights``, ``length``: as :func:`decompose`.
     **Returns:** a motion of the same shape.
     **Raises:** as :func:`decompose` and :func:`synthesize`.
 

@@ -8,6 +8,7 @@ a third of a second to import.
 from typing import TYPE_CHECKING
 
 from jaxmotion._lazy import loader
+from jaxmotion.smoothing.bridges import Bridge, bridged
 from jaxmotion.smoothing.keys import KeySuggestions, suggest_keys
 from jaxmotion.smoothing.lgs import Posterior, lgs
 from jaxmotion.smoothing.outliers import outlier_weights
@@ -24,6 +25,7 @@ else:  # hidden from type checkers, to which it would make every name one of thi
     )
 
 __all__ = [
+    "Bridge",
     "GeodesicPosterior",
     "KeySuggestions",
     "MotionTuning",
@@ -31,6 +33,7 @@ __all__ = [
     "StreamState",
     "StreamingSmoother",
     "Tuning",
+    "bridged",
     "geodesic",
     "lgs",
     "outlier_weights",

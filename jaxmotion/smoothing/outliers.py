@@ -13,10 +13,12 @@ how far it lies from what its neighbours say,
 
 λ and σ are learned anew each round by restricted evidence under the weights (``tune``), so that
 spikes neither widen σ nor hold λ down. Samples of weight under 0.1 (about seven scales out under
-"cauchy") are given weight 0: missing. Rotations begin without the samples that turn away from
-their neighbours, so that a spike's sign decides no other sample's. Four rounds, O(T·J) each, one
-compiled loop. No gradient passes through the weights. Of one sample more than the prior's order
-(three, for order 2) none can be told to be the wrong one: all are trusted.
+"cauchy") are given weight 0: missing. Four rounds, O(T·J) each, one compiled loop. No gradient
+passes through the weights. Of one sample more than the prior's order (three, for order 2) none can
+be told to be the wrong one: all are trusted.
+
+How far a sample lies out does not tell a spike from a foot that pushes off, at 30 frames a second.
+A motion's are told by their shape (:mod:`jaxmotion.smoothing.spikes`): weight 0 or all of it.
 """
 
 from typing import Literal
@@ -27,22 +29,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxmotion import quaternion
 from jaxmotion._checks import no_module, one_of, static
 from jaxmotion._entry import MISSING, finite_clip
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
-from jaxmotion.smoothing.components import to_components
 from jaxmotion.smoothing.design import check_known
 from jaxmotion.smoothing.lgs import lgs
 from jaxmotion.smoothing.losses import BEND, Loss, slope
+from jaxmotion.smoothing.spikes import spikes
 from jaxmotion.smoothing.tuning import tune_signal
 
 _ROUNDS = 4
 _LEAST = 0.1
 # Median length of a standard normal vector of 1, 2 and 3 components; unit quaternions move in 3.
 _MEDIAN_LENGTH = (0.6745, 1.1774, 1.5382)
-_AWAY = 3.0
 _AROUND = 7
 _STEPS = 1 / 7
 
@@ -57,14 +57,16 @@ def outlier_weights(
 ) -> Float[Array, "frame *joint"]:
     """How far each sample can be trusted, to be given to a smoother as ``weights``.
 
-    O(T·J) a round. No gradient passes through the weights.
+    Of a signal, by how far it lies from what its neighbours say, O(T·J) a round; of a motion, 0 for
+    the spikes, of one to three frames, of a joint's rotation or translation, O(T·J) in all
+    (:func:`bridged` lists them).
+    No gradient passes through the weights.
 
     **Arguments:** ``y``: f[T, J, C] of J groups of C channels, f[T] one channel, or one clip;
-    ``loss``: of samples that lie far out, "huber" (trusted less) or "cauchy" (not at all);
-    ``weights``: f[T] or f[T, J], ≥ 0, what is known beforehand, 0 for missing; ``order``: of the
-    smoother.
-    **Returns:** f[T, J] in [0, 1] times ``weights`` (f[T] for a single channel); of a motion's
-    joint, the lesser of its rotation's and its translation's.
+    ``loss``: of samples of a signal that lie far out, "huber" (trusted less) or "cauchy" (not at
+    all); ``weights``: f[T] or f[T, J], ≥ 0, what is known beforehand, 0 for missing; ``order``: of
+    the signal's smoother.
+    **Returns:** f[T, J] in [0, 1] times ``weights`` (f[T] for a single channel).
     **Raises:** ``ValueError`` for an unknown loss or shape; as :func:`~jaxmotion.smoothing.lgs` for
     bad data and weights.
     """
@@ -72,21 +74,14 @@ def outlier_weights(
     if isinstance(y, Motion):
         y = finite_clip("outlier_weights", y, "y", weights=weights, at_run_time=True, hint=MISSING)
         check_known("outlier_weights: y", y.rotations, weights, order=order)
-        rotations, translations = jnp.asarray(y.rotations), jnp.asarray(y.translations)
-        given = _given(weights, translations)
-        trusted = _reweighted(rotations, given, loss, order, True)
-        moved = np.asarray(y.translated_joints, int)
-        if not moved.size:
-            return trusted
-        moving = _reweighted(translations[:, moved], given[:, moved], loss, order, False)
-        return trusted.at[:, moved].min(moving)
+        return _without_spikes(y, _given(weights, jnp.asarray(y.translations)))
     no_module("outlier_weights: y", y)
     y = jnp.asarray(y)
     if y.ndim not in (1, 3):
         raise ValueError(f"outlier_weights: y has shape {y.shape}; expected (T, J, C) or (T,)")
     check_known("outlier_weights: y", y, weights, order=order)
     grouped = y.reshape(y.shape[0], -1, y.shape[-1] if y.ndim == 3 else 1)
-    found = _reweighted(grouped, _given(weights, grouped), loss, order, False)
+    found = _reweighted(grouped, _given(weights, grouped), loss, order)
     return found if y.ndim == 3 else found[:, 0]
 
 
@@ -97,34 +92,40 @@ def _given(weights: ArrayLike | None, y: Array) -> Array:
 
 
 @eqx.filter_jit
-def _reweighted(y: Array, given: Array, loss: Loss, order: Literal[1, 2], turning: bool) -> Array:
+def _without_spikes(motion: Motion, given: Array) -> Array:
+    """``given``, 0 at the spikes of a joint's rotation and of its translation."""
+    there = given > 0
+    bad = spikes(motion.rotations, there, motion.frame_time, turning=True)
+    if moved := list(motion.translated_joints):
+        moving = motion.translations[:, np.asarray(moved)]
+        jumps = spikes(moving, there[:, np.asarray(moved)], motion.frame_time, turning=False)
+        bad = bad.at[:, np.asarray(moved)].max(jumps)
+    return jnp.where(bad, 0, jax.lax.stop_gradient(given))
+
+
+@eqx.filter_jit
+def _reweighted(y: Array, given: Array, loss: Loss, order: Literal[1, 2]) -> Array:
     y, given = jax.lax.stop_gradient((y, given))
     told = jnp.sum(given > 0, axis=0) > order + 1
 
     def reweigh(_, weights):
-        signal = to_components(y, weights) if turning else y
-        tuned = tune_signal(signal, weights=weights, order=order)
+        tuned = tune_signal(y, weights=weights, order=order)
         post = lgs(
-            signal,
+            y,
             tuned.lam[:, None],
             tuned.sigma[:, None],
             order=order,
             weights=weights[..., None],
         )
-        # Samples left out are judged as they are, on the side of the fit.
-        opposite = turning & (jnp.sum(y * post.fitted, axis=-1, keepdims=True) < 0)
-        residual = jnp.where(opposite, -y, y) - post.fitted
-        trust = _trust(y, post.fitted, residual, post.leverage[..., 0], given, weights, loss)
+        trust = _trust(y, post.fitted, post.leverage[..., 0], given, weights, loss)
         return given * jnp.where(told, trust, 1)
 
-    first = given * jnp.where(_turns_away(y, given > 0), 0, 1).astype(y.dtype) if turning else given
-    return jax.lax.fori_loop(0, _ROUNDS, reweigh, first)
+    return jax.lax.fori_loop(0, _ROUNDS, reweigh, given)
 
 
 def _trust(
     y: Array,
     fitted: Array,
-    residual: Array,
     leverage: Array,
     given: Array,
     weights: Array,
@@ -134,7 +135,7 @@ def _trust(
     eps, tiny = float(jnp.finfo(y.dtype).eps), float(jnp.finfo(y.dtype).tiny)
     there = given[..., None] > 0
     rounding = 8 * eps * jnp.sqrt(jnp.max(jnp.where(there, y * y, 0), axis=(0, 2))) + tiny
-    distance = jnp.linalg.norm(jnp.where(there, residual, 0), axis=-1)
+    distance = jnp.linalg.norm(jnp.where(there, y - fitted, 0), axis=-1)
     distance = jnp.where(distance > rounding, distance, 0)  # what nothing contradicts has h = 1
     distance = distance / jnp.sqrt(jnp.clip(1 - leverage, min=eps))
     used = jnp.where(there[..., 0] & (weights > 0), distance, jnp.nan)
@@ -153,16 +154,3 @@ def _median_around(x: Array) -> Array:
     padded = jnp.pad(x, ((_AROUND, _AROUND), (0, 0)), constant_values=jnp.nan)
     window = np.arange(x.shape[0])[:, None] + np.arange(2 * _AROUND + 1)
     return jnp.nanmedian(padded[window], axis=1)
-
-
-def _turns_away(q: Array, there: Array) -> Array:
-    """Samples far from both neighbours, which are near each other (at the ends: far from the only
-    neighbour, which is near its own); by angle, so signs are free."""
-    nothing = jnp.full((1, q.shape[1]), jnp.nan, q.dtype)
-    step = jnp.where(there[:-1] & there[1:], quaternion.distance(q[:-1], q[1:]), jnp.nan)
-    since, until = jnp.concatenate([nothing, step]), jnp.concatenate([step, nothing])
-    across = jnp.where(there[:-2] & there[2:], quaternion.distance(q[:-2], q[2:]), jnp.nan)
-    across = jnp.concatenate([nothing, across, nothing])[: q.shape[0]]
-    beside = jnp.fmin(jnp.roll(until, -1, axis=0), jnp.roll(since, 1, axis=0))
-    near = jnp.where(jnp.isnan(across), beside, across)
-    return jnp.fmin(since, until) > _AWAY * (near + jnp.nanmedian(since, axis=0))

@@ -1,12 +1,14 @@
 """What each command does to files."""
 
 import json
+import re
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 import jaxmotion as jm
+from jaxmotion import quaternion
 from tests.cli.conftest import swinging
 from tests.helpers import assert_same_rotation
 
@@ -73,6 +75,22 @@ def test_denoise_options_reach_the_library(jaxmotion, take, tmp_path):
         assert_same_rotation(jm.load(out).rotations, want.rotations, 1e-6)
     result = jaxmotion("denoise", take, "-o", out, "--overwrite", "--auto", "--lam", "2", code=2)
     assert "--auto learns" in result.output
+
+
+def test_denoise_robust_lists_what_it_bridged(jaxmotion, take, tmp_path):
+    motion, out = jm.load(take), tmp_path / "out.npz"
+    spiked = tmp_path / "spiked.bvh"
+    away = np.zeros((40, 4, 3))
+    away[20:22, 1, 0], away[30, 3, 1] = 1.0, 1.5
+    turned = quaternion.multiply(motion.rotations, quaternion.exp(away))
+    jm.save(motion.with_transforms(rotations=turned), spiked)
+    words = ("denoise", spiked, "-o", out, "--overwrite", "--robust", *PLAIN)
+    told = jaxmotion(*words).stderr
+    assert re.search(r"bridged 2 spikes: LeftArm 20-21 by 5\d.*°, RightArm 30 by 8\d.*°", told)
+    assert degrees(motion, jm.load(out))[[20, 21, 30], [1, 1, 3]].max() < 10
+    told = jaxmotion(*words, "--joints", "Right*").stderr
+    assert re.search(r"bridged 1 spike: RightArm 30 by", told)
+    assert "bridged" not in jaxmotion("denoise", take, *words[2:]).stderr
 
 
 def test_a_pattern_without_joints_and_an_empty_range_fail(jaxmotion, take, tmp_path):
