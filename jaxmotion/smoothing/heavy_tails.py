@@ -28,7 +28,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.special import digamma
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxmotion.smoothing.lgs import Posterior
 
@@ -70,7 +70,7 @@ class _Search(NamedTuple):
 def settle(
     evaluate: Callable[[Array, Array], tuple[Array, tuple[Array, Posterior]]],
     learnable: Float[Array, " group"],
-    grid: np.ndarray,
+    grid: Float[Array, " look"],
     frames: int,
     unit: float,
 ) -> tuple[Look, Tails]:
@@ -83,7 +83,7 @@ def settle(
     """
     every = jnp.ones_like(learnable)
     _, (_, rough) = evaluate(grid[0] * every, jnp.ones((frames, len(every)), every.dtype))
-    told = jnp.any(rough.readings[1:-1] > 0, axis=-1) & (learnable > 0)
+    told = _told(jnp.any(rough.readings > 0, axis=-1)) & (learnable > 0)
     channels = rough.mean.shape[-1]
     bends = jnp.sum(jnp.diff(rough.mean, n=2, axis=0) ** 2, axis=-1)
     usual = jnp.nanmedian(jnp.where(told, bends, jnp.nan), axis=0)
@@ -102,7 +102,7 @@ def settle(
         longer = jnp.where(sense * search.sense < 0, _SHORTER, _LONGER)
         step = search.step * jnp.where(on_grid, 1, longer)
         ahead = jnp.clip(search.s + sense * step, grid[0], grid[-1])
-        along = jnp.where(k < len(grid) - 1, jnp.asarray(grid, every.dtype)[k + 1], best)
+        along = jnp.where(k < len(grid) - 1, grid[jnp.minimum(k + 1, len(grid) - 1)], best)
         nearby = _Search(
             learnable * jnp.where(on_grid, along, ahead),
             jnp.where(better, score, search.least),
@@ -126,12 +126,27 @@ def settle(
     return jax.tree.map(lambda x: x[-1], found)
 
 
+def no_bends(learnable: Float[Array, " group"], frames: int) -> Tails:
+    """The tails of clips of one or two frames."""
+    return Tails(
+        _MOST * jnp.ones_like(learnable), jnp.ones((frames, len(learnable)), learnable.dtype)
+    )
+
+
+def _told(seen: Bool[Array, "frames group"]) -> Bool[Array, "bends group"]:
+    """Which bends the data tell of: at a frame that is seen, between others that are."""
+    since = jax.lax.cummax(seen.astype(jnp.int32), axis=0) > 0
+    still = jax.lax.cummax(seen.astype(jnp.int32), axis=0, reverse=True) > 0
+    return since[:-2] & seen[1:-1] & still[2:]
+
+
 def _tails(z: Array, dof: Array, told: Array, channels: int) -> Tails:
     """E u where second differences are z times what they should be in square, and the ν of those
     that data tell of."""
     shape, rate = (dof + channels) / 2, (dof + z) / 2
     logs = digamma(shape) - jnp.log(rate) - shape / rate
-    mean = jnp.sum(jnp.where(told, logs, 0), axis=0) / jnp.maximum(jnp.sum(told, axis=0), 1)
+    count = jnp.maximum(jnp.sum(told, axis=0, dtype=z.dtype), 1)
+    mean = jnp.sum(jnp.where(told, logs, 0), axis=0) / count
 
     def halve(_, ends):
         low, high = ends

@@ -42,7 +42,7 @@ from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
 from jaxmotion.smoothing.design import check_known
-from jaxmotion.smoothing.heavy_tails import Look, Tails, settle
+from jaxmotion.smoothing.heavy_tails import Look, Tails, no_bends, settle
 from jaxmotion.smoothing.lgs import Posterior, lgs
 
 Criterion: TypeAlias = Literal["evidence", "gcv", "holdout"]
@@ -238,13 +238,13 @@ def _tune(y, weights, index, criterion: str, num_frames, order, scale, prior: st
         return jnp.log(floor + _held_out(smooth, s, y, base * present)), (rss / degrees, post)
 
     learnable = jnp.where((free > 0) & ~still, 1, 0).astype(y.dtype)
-    tails = Tails(None, None)
-    frames = y.shape[0] if num_frames is None else num_frames
-    if prior == "gaussian":
-        look = _bisected(evaluate, learnable)
-    else:
+    tails, frames = Tails(None, None), y.shape[0] if num_frames is None else num_frames
+    if prior == "student" and frames > 2:
         unit = 0.25 if scale == "half" else 1.0
-        look, tails = settle(evaluate, learnable, _GRID, frames, unit)
+        look, tails = settle(evaluate, learnable, jnp.asarray(_GRID, y.dtype), frames, unit)
+    else:
+        look = _bisected(evaluate, learnable)
+        tails = no_bends(learnable, frames) if prior == "student" else tails
     sigma = jnp.where(still, 1, jnp.sqrt(look.variance))
     variance = jnp.where(still, 1, look.variance)
     lam = jnp.exp(look.s) / (sigma if order == 2 else variance)
