@@ -217,6 +217,9 @@ _KNOWN = {
     "length of contacts": lambda one: restore(*_paused(), length=one(99)),
     "length of root": lambda one: cleanup_root(*_paused(), length=one(99)),
     "stiffness": lambda one: lgs(_TIMES, 1.0, 1.0, stiffness=one(-_TIMES)),
+    "stiffness of geodesic": lambda one: geodesic(
+        clip().rotations, 1.0, 1.0, stiffness=one(-_TIMES)
+    ),
     "weight of a stream": lambda one: (smoother := StreamingSmoother(1.0, 1.0)).step(
         smoother.init(_TIMES), _TIMES, one(-1.0)
     ),

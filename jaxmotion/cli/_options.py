@@ -1,19 +1,10 @@
 """Options that commands share, gathered into a few values: what a command takes is one decorator a
 group and one argument a group.
-
-``--preset file.toml`` gives options other defaults: keys at the top serve every command, those in a
-table of a command's name only it; what is typed on the command line wins.
-
-    overwrite = true
-    [denoise]
-    strength = 0.8
-    joints = ["Left*", "Hips"]
 """
 
 import functools
 import math
 import os
-import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import chain
@@ -22,7 +13,7 @@ from typing import Any
 
 import click
 
-from jaxmotion._plain import in_words, irregular
+from jaxmotion.cli._presets import flags_of, load_preset
 from jaxmotion.io.formats import SUFFIXES, unknown_suffix
 
 NOWHERE = Path(os.devnull)
@@ -142,7 +133,7 @@ def running_options(function: Callable) -> Callable:
         type=click.Path(dir_okay=False, path_type=Path),
         is_eager=True,
         expose_value=False,
-        callback=_load_preset,
+        callback=load_preset,
         help="TOML file with other defaults for these options.",
     )
     @click.option("--no-cache", is_flag=True, help="Do not keep compiled programs on disk.")
@@ -266,7 +257,7 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
 
 def asked_for(ctx: click.Context) -> dict[str, Any]:
     """The command and those of its options that change what it writes."""
-    options = {_flags(p)[0]: p for p in ctx.command.params if isinstance(p, click.Option)}
+    options = {flags_of(p)[0]: p for p in ctx.command.params if isinstance(p, click.Option)}
     chosen = {flag: ctx.params[p.name] for flag, p in options.items() if p.name in ctx.params}
     return {"command": ctx.info_name, **{f: chosen[f] for f in chosen if f not in _MANNERS}}
 
@@ -343,61 +334,3 @@ def _report_suffix(ctx: click.Context, param: click.Parameter, value: Path | Non
     if value is not None and value.suffix.lower() not in (".html", ".json"):
         raise click.BadParameter(f"{value.name!r} ends neither in .html nor in .json")
     return value
-
-
-def _load_preset(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:
-    if value is None:
-        return
-    ctx.meta["jaxmotion.preset"] = str(value)
-    if kind := irregular(value):
-        raise click.BadParameter(f"{value} is {kind}, not a file")
-    try:
-        table = tomllib.loads(value.read_text("utf-8"))
-    except OSError as error:
-        raise click.BadParameter(f"{value}: {in_words(error)}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise click.BadParameter(f"{value}: {error}") from None
-    parent = ctx.parent
-    group = parent.command if parent is not None else None
-    commands = group.list_commands(parent) if isinstance(group, click.Group) and parent else []
-    tables = {name: table.pop(name) for name in commands if isinstance(table.get(name), dict)}
-    mine = tables.get(ctx.info_name or "", {})
-    options = {
-        name: p for p in ctx.command.params if isinstance(p, click.Option) for name in _flags(p)
-    }
-    typos = {key for key in mine if _spelt(key) not in options}
-    typos |= {key for key in table if _spelt(key) not in options.keys() | _all_flags(parent)}
-    if typos:
-        raise click.BadParameter(
-            f"{value}: {', '.join(map(repr, sorted(typos)))} is no option of {ctx.info_name}; "
-            f"there are {', '.join(sorted(options))}"
-        )
-    chosen = {_spelt(key): entry for key, entry in {**table, **mine}.items()}
-    defaults = {
-        options[key].name: _as_typed(entry) for key, entry in chosen.items() if key in options
-    }
-    ctx.default_map = {**(ctx.default_map or {}), **defaults}
-
-
-def _all_flags(table: click.Context | None) -> set[str]:
-    """Options of any command: a key for another one may stand at the top of a preset."""
-    if table is None or not isinstance(table.command, click.Group):
-        return set()
-    commands = (table.command.get_command(table, n) for n in table.command.list_commands(table))
-    params = (param for command in commands if command for param in command.params)
-    return {name for param in params if isinstance(param, click.Option) for name in _flags(param)}
-
-
-def _spelt(key: str) -> str:
-    return key.replace("_", "-")
-
-
-def _flags(option: click.Option) -> list[str]:
-    """Its names without the dashes; the short one too only where there is no other."""
-    long = [name for name in option.opts if name.startswith("--")]
-    return [name.lstrip("-") for name in long or option.opts]
-
-
-def _as_typed(entry: Any) -> Any:
-    """A table such as ``gain = {"*Arm*" = 2}`` as the list of ``*Arm*=2`` one would type."""
-    return [f"{key}={item}" for key, item in entry.items()] if isinstance(entry, dict) else entry

@@ -56,6 +56,7 @@ def command(
     selection: Selection,
     method: str | None,
     auto: bool | None,
+    prior: str | None,
     robust: bool | None,
     lam: float | None,
     sigma: float | None,
@@ -73,7 +74,8 @@ def command(
 
     if auto and (lam is not None or sigma is not None):
         raise click.UsageError("--auto learns what --lam and --sigma give; use one or the other")
-    given = {"method": method, "tune": auto, "robust": robust, "lam": lam, "sigma": sigma}
+    given = {"method": method, "tune": auto, "prior": prior, "robust": robust}
+    given |= {"lam": lam, "sigma": sigma}
     options = {name: value for name, value in given.items() if value is not None}
     made = partial(edit, options=options, selection=selection)
     edit_files(made, batch, running, selection, keep=keep_contacts)

@@ -44,7 +44,7 @@ from jaxmotion.smoothing.components import from_components, to_components
 from jaxmotion.smoothing.design import Design
 from jaxmotion.smoothing.lgs import check_positive
 from jaxmotion.smoothing.rotations import geodesic_limit, smoothed_clip
-from jaxmotion.smoothing.tuning import Criterion, tune_clip
+from jaxmotion.smoothing.tuning import Criterion, Prior, tune_clip
 
 _RATIO = np.sqrt(2.0)
 _LAM_0, _SIGMA_0 = 1.0, 0.1
@@ -92,6 +92,7 @@ def decompose(
     scope: Literal["global", "per_joint"] = "global",
     order: Literal[1, 2] = 2,
     tune: Criterion | None = None,
+    prior: Prior = "gaussian",
     method: Literal["chordal", "geodesic"] = "chordal",
     weights: ArrayLike | None = None,
     length: ScalarLike | None = None,
@@ -107,12 +108,13 @@ def decompose(
     every joint (its translation follows); ``order``: of the smoother; ``tune``: take out the noise
     first, with λ and σ learned per joint and apart for rotations and translations by this criterion
     ("evidence", "gcv" or "holdout", see :mod:`jaxmotion.smoothing.tuning`), and take no ``lam_c``
-    and ``sigma_c``; ``method``: rotations are smoothed by Eq. 11, "chordal", or exactly by Eq. 9,
-    "geodesic" (``smoothing.geodesic``; the rung is chosen by Eq. 11 either way); ``weights``: f[T]
-    or f[T, J], ≥ 0, how far each sample is trusted, 0 for missing (``smoothing.outlier_weights``);
-    γ binds samples of positive weight; ``length``: how many frames count, traced or not, when the
-    rest is padding (any rotations; what comes out there means nothing), so that one compiled
-    function serves clips of many lengths.
+    and ``sigma_c``; ``prior``: with ``tune``, "gaussian" or "student", which tells sudden moves
+    from noise, as :func:`~jaxmotion.smoothing.tune`; ``method``: rotations are smoothed by Eq. 11,
+    "chordal", or exactly by Eq. 9, "geodesic" (``smoothing.geodesic``; the rung is chosen by Eq. 11
+    either way); ``weights``: f[T] or f[T, J], ≥ 0, how far each sample is trusted, 0 for missing
+    (``smoothing.outlier_weights``); γ binds samples of positive weight; ``length``: how many frames
+    count, traced or not, when the rest is padding (any rotations; what comes out there means
+    nothing), so that one compiled function serves clips of many lengths.
     **Returns:** :class:`MotionLayers`.
     **Raises:** ``ValueError`` for what is not one clip, an unknown scope, method, order or
     criterion, a γ outside (0, π), weights of another shape or negative, NaN in the motion at
@@ -135,11 +137,13 @@ def decompose(
     ones = not traced(lam_c, sigma_c) and np.all(known(lam_c) == 1) and np.all(known(sigma_c) == 1)
     if tune is not None and not ones:
         raise ValueError("decompose: tune= learns λ and σ; it takes no lam_c= and no sigma_c=")
+    if tune is None and prior != "gaussian":
+        raise ValueError("decompose: prior= is of what tune= learns; give both")
     check_positive("decompose: lam_c", lam_c)
     check_positive("decompose: sigma_c", sigma_c)
     lam_c, sigma_c = (jnp.asarray(p, motion.dtype) for p in (lam_c, sigma_c))
     room, motion, weights = with_room(motion, weights, length, method, gamma, lam_c, sigma_c)
-    layers = layers_of(motion, weights, gamma, lam_c, sigma_c, scope, order, tune, method)
+    layers = layers_of(motion, weights, gamma, lam_c, sigma_c, scope, order, tune, prior, method)
 
     def of_frames(layers):
         return layers.base, layers.control, layers.residual
@@ -218,13 +222,14 @@ def layers_of(
     scope: Literal["global", "per_joint"] = "global",
     order: Literal[1, 2] = 2,
     criterion: Criterion | None = None,
+    prior: Prior = "gaussian",
     method: Literal["chordal", "geodesic"] = "chordal",
 ) -> MotionLayers:
     """:func:`decompose` of what is checked."""
     motion = motion.with_transforms(rotations=quaternion.align_signs(motion.rotations))
     tuning, clean = None, motion
     if criterion is not None:
-        tuning, clean = without_noise(motion, criterion, order, weights, method)
+        tuning, clean = without_noise(motion, criterion, order, prior, weights, method)
     rungs = _rungs_of(method, order, motion.dtype)
     constant = jax.lax.stop_gradient(clean.rotations)
     rung, saturated = _climb(constant, weights, gamma, scope, order, rungs)
@@ -252,22 +257,27 @@ def without_noise(
     motion: Motion,
     criterion: Criterion,
     order: Literal[1, 2],
+    prior: Prior,
     weights: Array | None,
     method: Literal["chordal", "geodesic"],
 ) -> tuple[MotionTuning, Motion]:
     """M̂: what is learned of the noise, joint by joint (``smoothing.tune``), and the motion smoothed
     accordingly. ``weights`` as :func:`checked_weights` gives them. O(T·J)."""
-    tuning = tune_clip(motion, weights, criterion=criterion, order=order)
+    tuning = tune_clip(motion, weights, criterion=criterion, order=order, prior=prior)
     turning, moving = tuning.rotations, tuning.translations
     lam = turning.lam
     if method == "geodesic":  # still joints learn a smoother that is as stiff as can be
-        lam = jnp.minimum(lam, geodesic_limit(order, motion.dtype) / turning.sigma ** (3 - order))
+        most = geodesic_limit(order, motion.dtype) / turning.sigma ** (3 - order)
+        firmest = 1.0 if turning.stiffness is None else jnp.max(turning.stiffness, axis=0)
+        lam = jnp.minimum(lam, most / firmest)
     clean = smoothed_clip(
         motion,
         lam,
         turning.sigma,
         translation_lam=moving.lam,
         translation_sigma=moving.sigma,
+        stiffness=turning.stiffness,
+        translation_stiffness=moving.stiffness,
         design=Design(order=order),
         weights=weights,
         method=method,

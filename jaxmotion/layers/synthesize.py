@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import spacetime
-from jaxmotion._checks import instance_of, static
+from jaxmotion._checks import instance_of, one_of, static
 from jaxmotion._entry import one_clip, skeleton_of
 from jaxmotion._file_facts import compiled
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
@@ -33,6 +33,7 @@ from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.smoothing import MotionTuning, outlier_weights
 from jaxmotion.smoothing.lgs import check_positive
+from jaxmotion.smoothing.tuning import Prior
 
 
 @static("keep_contacts")
@@ -108,21 +109,25 @@ def denoise(
     sigma: ScalarLike | None = None,
     strength: ArrayLike = 1.0,
     method: Literal["chordal", "geodesic"] = "chordal",
+    prior: Prior = "student",
     robust: bool = False,
     weights: ArrayLike | None = None,
     length: ScalarLike | None = None,
 ) -> Motion:
     """Remove the noise of the capture: the residual layer of :func:`decompose`.
 
-    O(T·J), differentiable in the motion and ``strength``; what is learned is a constant. Source:
-    Eom et al. 2019, §5.2 (α = 1) and §6.2.
+    Sudden moves stay as they are: a toe that flicks, a blow that lands. So do sudden errors, which
+    ``robust`` and :func:`jaxmotion.check` are for. O(T·J), differentiable in the motion and
+    ``strength``; what is learned is a constant. Source: Eom et al. 2019, §5.2 (α = 1) and §6.2.
 
     **Arguments:** ``motion``: one clip of T ≥ 1 frames; ``tune``: learn the smoother's parameters
     from the clip, per joint, by restricted evidence; False takes the paper's λ = σ = 1 for the
     control layer; ``lam``, ``sigma``: that layer's parameters, scalars or f[J], and nothing is
     learned (one left out is 1); ``strength``: the share of the residual that is removed, 1 for all,
-    0 for none, a scalar, f[J] or f[T, J]; ``method``: as :func:`decompose`; ``robust``: find spikes
-    first and bridge them (``weights=smoothing.outlier_weights(motion)`` does the same, and
+    0 for none, a scalar, f[J] or f[T, J]; ``method``: as :func:`decompose`; ``prior``: what is
+    learned of second differences: "student", heavy tails that tell sudden moves from noise, or
+    "gaussian", the paper's (:func:`~jaxmotion.smoothing.tune`); ``robust``: find spikes first and
+    bridge them (``weights=smoothing.outlier_weights(motion)`` does the same, and
     ``smoothing.bridged`` lists what was bridged); ``weights``, ``length``: as :func:`decompose`.
     **Returns:** a motion of the same shape.
     **Raises:** as :func:`decompose` and :func:`synthesize`.
@@ -137,7 +142,8 @@ def denoise(
         >>> bool(off[0].mean() < 0.7 * off[1].mean())
         True
     """
-    return denoised(motion, tune, lam, sigma, strength, method, robust, weights, length).motion
+    given = tune, lam, sigma, strength, method, prior, robust, weights, length
+    return denoised(motion, *given).motion
 
 
 class Denoised(NamedTuple):
@@ -155,12 +161,14 @@ def denoised(
     sigma: ScalarLike | None = None,
     strength: ArrayLike = 1.0,
     method: Literal["chordal", "geodesic"] = "chordal",
+    prior: Prior = "student",
     robust: bool = False,
     weights: ArrayLike | None = None,
     length: ScalarLike | None = None,
 ) -> Denoised:
     """:func:`denoise`, and what it learned; arguments and errors as there."""
     check_method(method, "denoise")
+    one_of("denoise: prior", prior, ("student", "gaussian"))
     motion, weights = checked_weights(motion, weights, length, "denoise")
     for name, value in (("lam", lam), ("sigma", sigma)):
         if value is not None:
@@ -171,7 +179,7 @@ def denoised(
     if robust:
         weights = outlier_weights(motion, weights=weights)
     if tune and lam is None and sigma is None:
-        tuning, clean = _without_noise(motion, weights, kept, method)
+        tuning, clean = _without_noise(motion, weights, kept, prior, method)
         return Denoised(room.cut(clean), tuning)
     given = (np.pi / 2, *(1.0 if value is None else value for value in (lam, sigma)))
     gamma, lam_c, sigma_c = (jnp.asarray(value, motion.dtype) for value in given)
@@ -181,11 +189,15 @@ def denoised(
 
 @compiled
 def _without_noise(
-    motion: Motion, weights: Array | None, kept: Array, method: Literal["chordal", "geodesic"]
+    motion: Motion,
+    weights: Array | None,
+    kept: Array,
+    prior: Prior,
+    method: Literal["chordal", "geodesic"],
 ) -> tuple[MotionTuning, Motion]:
     """What is learned, and the tuned layers' base ⊕ control ⊕ a share of the residual, for which no
     base is needed."""
-    tuning, clean = without_noise(motion, "evidence", 2, weights, method)
+    tuning, clean = without_noise(motion, "evidence", 2, prior, weights, method)
     return tuning, plus(clean, minus(motion, clean).scale(kept))
 
 

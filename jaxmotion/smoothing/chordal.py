@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxmotion._types import Quaternion, ScalarLike
+from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
 from jaxmotion.smoothing.components import (
     Coordinates,
     Signs,
@@ -54,8 +54,8 @@ def linear_mean(
     design: Design,
     window: int | None,
     *,
-    weights: Array | None,
-    stiffness: Array | None,
+    weights: ArrayLike | None,
+    stiffness: ArrayLike | None,
 ) -> Array:
     """The smoother's mean, all at once or window by window.
 

@@ -121,7 +121,7 @@ def observe(
     wrong raise ValueError; what is wrong with traced ones comes back as
     faults, for the caller to raise together with its own (``raise_faults``).
     """
-    num_frames = _frame_count(index, num_frames, data_shape[0])
+    num_frames = frame_count(index, num_frames, data_shape[0])
     need = min(null_space, num_frames)
     faults: list[Fault] = []
     t = None if index is None else _checked_index(index, num_frames, data_shape[0], faults)
@@ -179,7 +179,8 @@ def check_known(
     check_finite(name, y, weights)
 
 
-def _frame_count(index: ArrayLike | None, num_frames: int | None, data: int) -> int:
+def frame_count(index: ArrayLike | None, num_frames: int | None, data: int) -> int:
+    """Nf: how many frames the smoother is to find, from its arguments and the number of data."""
     if data == 0:
         raise ValueError("y has no data: want at least one frame")
     if index is None:

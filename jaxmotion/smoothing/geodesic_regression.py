@@ -3,11 +3,12 @@
     minimise over x:   1/2 sum_i rho(w_i |e_i|^2 / sigma^2)  +  prior(x)
 
     data      e_i = sum_f A_if log(x_f^-1 y_i)          A as in the LGS: (1 - g, g) between frames
-    order 1   prior = lam/2 sum_t c_t |v_t|^2,  c = (1, 2, .., 2, 1)       Eq. 9 as printed
-    order 2   prior = lam^2/2 sum_t |s (v_t - v_{t-1})|^2                  s as in the LGS
+    order 1   prior = lam/2 sum_t h_{t+1} c_t |v_t|^2,  c = (1, 2, .., 2, 1)   Eq. 9 as printed
+    order 2   prior = lam^2/2 sum_t h_t^2 |s (v_t - v_{t-1})|^2                s as in the LGS
     where     v_t = log(x_t^-1 x_{t+1}),  v_t - v_{t-1} = log(x_t^-1 x_{t+1}) + log(x_t^-1 x_{t-1})
 
     x  smoothed rotations (Nf, J)      y  data (Nd, J)      w  weights, 0 for missing
+    h  stiffness of the frames (Nf, J), ones unless given
     rho(u) = u "l2";  u up to k^2, then 2 k sqrt(u) - k^2, k = 1.345 "huber";
              k^2 log(1 + u/k^2), k = 2.385 "cauchy"
 
@@ -18,13 +19,14 @@ the same loop: with weights rho'(u) held still, the Gauss-Newton model majorises
 are never linearised away: the answer turns with the data, geodesic(a q b) = a geodesic(q) b.
 
 Shapes: q ``(Nd, J, 4)`` or ``(Nd, 4)``; angles in radians; sigma in radians. Cost O((Nd + Nf) J) a
-step in time and memory; 3 to 12 steps. Derivatives in q, lam, sigma, weights and a fractional index
-are those of the stationary point: one solve with the exact Hessian, at the answer.
+step in time and memory; 3 to 12 steps. Derivatives in q, lam, sigma, weights, stiffness and a
+fractional index are those of the stationary point: one solve with the exact Hessian, at the answer.
 
 Sharp bits: the cost has one minimum only while data stay well within half a turn of the smoothed
 motion; beyond it, this is the minimum near the chordal answer. Steps shrink slowly where data lie
 2 rad and more from the answer, and under robust losses when most data count as outliers. A step is
-solved from normal equations, so digits go as (lam sigma)^2: float32 serves up to lam sigma = 1000.
+solved from normal equations, so digits go as (lam h sigma)^2: float32 serves up to 1000, of the
+stiffest frame.
 """
 
 import functools
@@ -59,6 +61,7 @@ from jaxmotion.quaternion.tangent import (
 )
 from jaxmotion.smoothing.chordal import chordal
 from jaxmotion.smoothing.design import Design, Observations, observe
+from jaxmotion.smoothing.lgs import checked_stiffness
 from jaxmotion.smoothing.losses import BEND, slack, slope
 
 _MAX_STEPS = 256
@@ -66,12 +69,15 @@ _UNIT = 1e-3  # how far from 1 a norm may be
 
 
 class _Problem(Portable):
-    """The cost times sigma^2 of every joint, in turns d of the frames around ``start``."""
+    """The cost times sigma^2 of every joint, in turns d of the frames around ``start``.
+
+    ``rows``: what the prior multiplies each change with, v_t or v_t - v_{t-1}.
+    """
 
     start: Float[Array, "frames joints 4"]
     data: Float[Array, "data joints 4"]
     weights: Float[Array, "data #joints"] | None
-    stiffness: Float[Array, "#joints"]
+    rows: Float[Array, "changes 1 #joints"]
     sigma: Float[Array, "#joints"]
     seen: Observations
     order: int = eqx.field(static=True)
@@ -108,11 +114,7 @@ class _Problem(Portable):
 
     def bend(self, velocity: Array) -> Array:
         """The prior's rows: what is kept small, in units of sigma."""
-        if self.order == 2:
-            return self.stiffness * jnp.diff(velocity, axis=0)
-        rows = np.full((velocity.shape[0], 1, 1), np.sqrt(2.0))
-        rows[:1] = rows[-1:] = 1.0
-        return self.stiffness * jnp.asarray(rows, velocity.dtype) * velocity
+        return self.rows * jnp.diff(velocity, n=self.order - 1, axis=0)
 
     def robust(self, misfit: Array) -> tuple[Array, Array]:
         """w rho'(u), the weight of each squared misfit, and sigma^2 (rho(u) - u rho'(u)) >= 0."""
@@ -242,26 +244,29 @@ def geodesic(
     index: ArrayLike | None = None,
     num_frames: int | None = None,
     weights: ArrayLike | None = None,
+    stiffness: ArrayLike | None = None,
     scale: Literal["half", "unit"] = "half",
     loss: Literal["l2", "huber", "cauchy"] = "l2",
     throw: bool = True,
 ) -> GeodesicPosterior:
     """Smooth, denoise or resample rotations on the rotation group itself.
 
-    O((Nd + Nf) J) a step, 3 to 12 steps. Differentiable in q, lam, sigma, weights and a fractional
-    index, implicitly. Source: Eom et al. 2019, Eq. 9; Boumal 2013.
+    O((Nd + Nf) J) a step, 3 to 12 steps. Differentiable in q, lam, sigma, weights, stiffness and a
+    fractional index, implicitly. Source: Eom et al. 2019, Eq. 9; Boumal 2013.
 
     **Arguments:** ``q``: f[Nd, J, 4] or f[Nd, 4], unit; ``lam``, ``sigma`` (radians): > 0, scalars
     or f[J], traced or not; ``order``: 2 smooths velocities, 1 positions; ``index``, ``num_frames``,
     ``scale``: as :func:`~jaxmotion.smoothing.lgs`; ``weights``: f[Nd] or f[Nd, J], ≥ 0, dividing
-    the noise variance, 0 for missing data, whatever q holds there; ``loss``: "l2"; "huber" and
-    "cauchy" bound the pull of outliers; ``throw``: whether not converging is an error (else look at
-    ``converged``), and a derivative where there is none (else NaN).
+    the noise variance, 0 for missing data, whatever q holds there; ``stiffness``: f[Nf] or
+    f[Nf, J], > 0: lam of each frame is lam times this (order 2: of the change of velocity at the
+    frame, the ends have none; order 1: of the step into the frame, frame 0 has none); ``loss``:
+    "l2"; "huber" and "cauchy" bound the pull of outliers; ``throw``: whether not converging is an
+    error (else look at ``converged``), and a derivative where there is none (else NaN).
     **Returns:** :class:`GeodesicPosterior`, in q's dtype.
     **Raises:** ``ValueError`` for shapes and options that do not fit and for values known to be
-    wrong; at run time for traced ones: q not unit or NaN at positive weight, lam or sigma not
-    positive, data at fewer than two distinct frames (one for order 1). At run time as ``throw``
-    says.
+    wrong; at run time for traced ones: q not unit or NaN at positive weight, lam, sigma or
+    stiffness not positive, data at fewer than two distinct frames (one for order 1). At run time as
+    ``throw`` says.
     """
     no_module("geodesic: q", q, "jaxmotion.smoothing.smooth_motion takes motions")
     given, q = known(q), jnp.asarray(q)
@@ -277,15 +282,16 @@ def geodesic(
     q = raise_faults(q, faults + fault((present & ~unit).any(), message))
     q = quaternion.normalize(jnp.where(present[..., None], q, 1.0))
     trusted = None if weights is None else jnp.asarray(weights, q.dtype)
-    start = chordal(q, lam, sigma, Design(index, num_frames, order, scale), weights=trusted)
+    if stiffness is not None:
+        stiffness = checked_stiffness(stiffness, seen.num_frames, joints, q.dtype)
+    design = Design(index, num_frames, order, scale)
+    start = chordal(q, lam, sigma, design, weights=trusted, stiffness=stiffness)
     lam, sigma = (jnp.asarray(value, q.dtype) for value in (lam, sigma))
-    half = 0.5 if scale == "half" else 1.0
-    stiffness = half * lam * sigma if order == 2 else jnp.sqrt(lam) * sigma
     problem = _Problem(
         start.reshape(start.shape[0], -1, 4),
         q.reshape(q.shape[0], -1, 4),
         None if seen.weights is None else seen.weights.reshape(q.shape[0], -1),
-        stiffness.reshape(-1),
+        _prior_rows(lam, sigma, stiffness, seen.num_frames, order, scale),
         sigma.reshape(-1),
         Observations(seen.frame, seen.back, None, seen.num_frames),
         order,
@@ -298,6 +304,23 @@ def _present(weights: ArrayLike | None, shape: tuple[int, ...]) -> Bool[AnyArray
     """Where there is a datum: NumPy's, unless the weights are traced."""
     w = known(np.ones(shape[:1]) if weights is None else weights)
     return (w.reshape(w.shape + (1,) * (len(shape) - w.ndim)) > 0) & np.ones(shape, bool)
+
+
+def _prior_rows(
+    lam: Array, sigma: Array, stiffness: Array | None, frames: int, order: int, scale: str
+) -> Float[Array, "changes 1 #joints"]:
+    """sigma times the root of what the prior weighs each |v_t|^2 or |v_t - v_{t-1}|^2 with."""
+    if stiffness is None:
+        of_frames = np.ones((frames, 1), lam.dtype)
+    else:
+        of_frames = stiffness.reshape(frames, -1)
+    if order == 2:
+        rows = (0.5 if scale == "half" else 1.0) * lam * sigma * of_frames[1:-1]
+    else:
+        printed = np.full((frames - 1, 1), 2.0**0.5, lam.dtype)
+        printed[:1] = printed[-1:] = 1.0
+        rows = jnp.sqrt(lam * of_frames[1:]) * sigma * printed
+    return rows[:, None]
 
 
 @eqx.filter_jit

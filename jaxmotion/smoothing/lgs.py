@@ -218,7 +218,7 @@ def lgs(
     seen, faults = observe(index, num_frames, weights, y.shape, y.dtype, null_space=order)
     check_finite("y", given, weights)
     if stiffness is not None:
-        stiffness = _checked_stiffness(stiffness, seen.num_frames, channels, y.dtype)
+        stiffness = checked_stiffness(stiffness, seen.num_frames, channels, y.dtype)
     return _lgs(y, lam, sigma, stiffness, seen, faults, order, scale, shared, parallel)
 
 
@@ -336,7 +336,7 @@ def _checked_data(y: ArrayLike) -> Array:
     return y
 
 
-def _checked_stiffness(
+def checked_stiffness(
     value: ArrayLike, frames: int, channels: tuple[int, ...], dtype: jnp.dtype
 ) -> Array:
     """``value`` as an array with an axis for the frames and one for each channel axis."""
@@ -351,7 +351,7 @@ def _checked_stiffness(
     if not fits or value.shape[0] != frames:
         raise ValueError(
             f"stiffness has shape {shape}: want ({frames},), or also axes that broadcast to the "
-            f"channels of y, {channels}"
+            f"channels, {channels}"
         )
     return value
 

@@ -13,6 +13,7 @@ Where smoothed components cancel (‖x‖ < 1e−6, only with λσ so large that
 are averaged) there is no mean rotation, and the identity is returned.
 """
 
+from functools import partial
 from typing import Literal, TypeAlias
 
 import jax.numpy as jnp
@@ -25,7 +26,8 @@ from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.chordal import chordal, linear_mean
 from jaxmotion.smoothing.components import Signs, from_components, to_components
-from jaxmotion.smoothing.design import Design
+from jaxmotion.smoothing.design import Design, frame_count
+from jaxmotion.smoothing.lgs import check_positive, checked_stiffness
 
 Method: TypeAlias = Literal["chordal", "rotvec", "geodesic"]
 
@@ -60,8 +62,8 @@ def smooth_quaternions(
     hemisphere along time, the "input"'s own, or "min_energy"
     (:func:`~jaxmotion.quaternion.least_energy_signs`; give it no weights but an index, which then
     must not repeat); ``window``: frames solved together, half of them shared with the next window
-    and cross-faded (paper: 120; see :func:`~jaxmotion.smoothing.windowed_lgs`; no index); None for
-    all at once.
+    and cross-faded (paper: 120; see :func:`~jaxmotion.smoothing.windowed_lgs`; no index, no
+    stiffness); None for all at once.
     **Returns:** f[Nf, ..., 4], unit.
     **Raises:** ``ValueError`` for shapes and options that do not fit; as
     :func:`~jaxmotion.smoothing.lgs` and, for "geodesic", :func:`~jaxmotion.smoothing.geodesic`.
@@ -73,27 +75,37 @@ def smooth_quaternions(
         raise ValueError(f"smooth_quaternions: q must have shape (T, ..., 4), got {q.shape}")
     weights = None if weights is None else jnp.asarray(weights, q.dtype)
     design = Design(index, num_frames, order, scale)
+    if stiffness is not None:
+        frames = frame_count(index, num_frames, q.shape[0])
+        stiffness = checked_stiffness(stiffness, frames, q.shape[1:-1], q.dtype)
     if method == "geodesic":
-        return _geodesic(q, lam, sigma, design, weights)
-    firm = None if stiffness is None else jnp.asarray(stiffness, q.dtype)
+        return _geodesic(q, lam, sigma, design, weights, stiffness)
     options = {"method": method, "signs": signs, "window": window}
-    return chordal(q, lam, sigma, design, weights=weights, stiffness=firm, **options)
+    return chordal(q, lam, sigma, design, weights=weights, stiffness=stiffness, **options)
 
 
 def _geodesic(
-    q: Quaternion, lam: ScalarLike, sigma: ScalarLike, design: Design, weights: Array | None
+    q: Quaternion,
+    lam: ScalarLike,
+    sigma: ScalarLike,
+    design: Design,
+    weights: Array | None,
+    stiffness: Array | None,
 ) -> Quaternion:
     """The exact smoother, for rotations of any middle axes."""
     from jaxmotion.smoothing.geodesic_regression import geodesic  # optimistix imports slowly
 
-    joints = q.reshape(q.shape[0], -1, 4)
-    if weights is not None and weights.ndim > 1:
-        weights = jnp.broadcast_to(weights, q.shape[:-1]).reshape(joints.shape[:-1])
-    gains = (
-        p if np.ndim(p) == 0 else jnp.broadcast_to(jnp.asarray(p), q.shape[1:-1]).ravel()
-        for p in (lam, sigma)
-    )
-    x = geodesic(joints, *gains, weights=weights, **design._asdict()).mean
+    def in_a_row(value, lead):
+        """A parameter's middle axes as one of joints; ``lead``: how many axes are before them."""
+        if value is None or np.ndim(value) <= lead:
+            return value
+        value = jnp.asarray(value)
+        before = value.shape[:lead]
+        return jnp.broadcast_to(value, before + q.shape[1:-1]).reshape(*before, -1)
+
+    gains = in_a_row(lam, 0), in_a_row(sigma, 0)
+    by_frame = {"weights": in_a_row(weights, 1), "stiffness": in_a_row(stiffness, 1)}
+    x = geodesic(q.reshape(q.shape[0], -1, 4), *gains, **by_frame, **design._asdict()).mean
     return x.reshape(x.shape[0], *q.shape[1:])
 
 
@@ -114,6 +126,7 @@ def smooth_motion(
     window: int | None = None,
     translation_lam: ScalarLike | None = None,
     translation_sigma: ScalarLike | None = None,
+    translation_stiffness: ArrayLike | None = None,
 ) -> Motion:
     """Smooth every joint's rotation, and the translations of the joints that are translated.
 
@@ -121,15 +134,17 @@ def smooth_motion(
 
     **Arguments:** ``motion``: one clip, T frames, J joints; ``lam``, ``sigma``: scalars or f[J],
     traced or not (σ is in radians for chordal components' half angles and in length units for
-    translations; only λσ matters to the mean); ``translation_lam``, ``translation_sigma``: those of
-    the translations if they are to differ; ``weights``: f[T] or f[T, J], 0 for missing;
-    ``stiffness``: f[Nf] or f[Nf, J]; ``index``, ``num_frames``, ``order``, ``scale``, ``method``,
-    ``signs``, ``window``: as :func:`smooth_quaternions`.
+    translations; only λσ matters to the mean); ``weights``: f[T] or f[T, J], 0 for missing;
+    ``stiffness``: f[Nf] or f[Nf, J]; ``translation_lam``, ``translation_sigma``,
+    ``translation_stiffness``: those of the translations if they are to differ; ``index``,
+    ``num_frames``, ``order``, ``scale``, ``method``, ``signs``, ``window``: as
+    :func:`smooth_quaternions`.
     **Returns:** a motion of ``num_frames`` frames and the same frame time.
     **Raises:** ``ValueError`` for what is not one clip; as :func:`smooth_quaternions`.
     """
     one_clip("smooth_motion", motion)
-    _check_options(method, signs, weights, stiffness, window)
+    firm = stiffness if translation_stiffness is None else translation_stiffness
+    _check_options(method, signs, weights, firm, window)
     motion = finite_clip("smooth_motion", motion, weights=weights, at_run_time=True, hint=MISSING)
     return smoothed_clip(
         motion,
@@ -139,6 +154,7 @@ def smooth_motion(
         translation_sigma=translation_sigma,
         weights=weights,
         stiffness=stiffness,
+        translation_stiffness=translation_stiffness,
         design=Design(index, num_frames, order, scale),
         method=method,
         signs=signs,
@@ -155,6 +171,7 @@ def smoothed_clip(
     translation_sigma: ScalarLike | None = None,
     weights: ArrayLike | None = None,
     stiffness: ArrayLike | None = None,
+    translation_stiffness: ArrayLike | None = None,
     design: Design,
     method: Method = "chordal",
     signs: Signs = "nearest",
@@ -166,27 +183,28 @@ def smoothed_clip(
     given = {"lam": lam, "sigma": sigma}
     given |= {"translation_lam": moving_lam, "translation_sigma": moving_sigma}
     for name, value in given.items():
-        _check_gain(name, value, motion.num_joints)
-    weights, stiffness = (
-        None if x is None else jnp.asarray(x, motion.dtype) for x in (weights, stiffness)
-    )
+        _check_shape(name, value, (), motion.num_joints)
+    firm = _stiffnesses(stiffness, translation_stiffness, design, motion)
+    weights = None if weights is None else jnp.asarray(weights, motion.dtype)
     moved = np.asarray(motion.translated_joints, int)
     y = motion.translations[:, moved]
 
     def solve(y: Array, turned: np.ndarray) -> Array:
         """``y``: rotations of the joints ``turned``, then translations of those that move."""
-        joints = np.concatenate([turned, moved])
-        of_y, firm = (
-            x if x is None or x.ndim == 1 else x[:, joints, None] for x in (weights, stiffness)
-        )
-        gains = (
+        by_frame = partial(_of_both, turned=turned, moved=moved, lead=1)
+        return linear_mean(
+            y,
             _of_both(lam, moving_lam, turned, moved),
             _of_both(sigma, moving_sigma, turned, moved),
+            design,
+            window,
+            weights=None if weights is None else by_frame(weights, weights),
+            stiffness=None if firm is None else by_frame(*firm),
         )
-        return linear_mean(y, *gains, design, window, weights=of_y, stiffness=firm)
 
     if method == "geodesic":
-        rotations = _geodesic(jnp.asarray(motion.rotations), lam, sigma, design, weights)
+        turning = None if firm is None else firm[0]
+        rotations = _geodesic(jnp.asarray(motion.rotations), lam, sigma, design, weights, turning)
         y = solve(y, np.zeros(0, int)) if moved.size else y
     else:
         # One solve for both: translations are given a spare component, and stand as more joints.
@@ -205,7 +223,8 @@ def smoothed_clip(
 
 def geodesic_limit(order: Literal[1, 2], dtype) -> float:
     """The largest λσ (order 1: λσ²) that ``method="geodesic"`` serves: half of what one sample adds
-    to the normal equations is lost to rounding, beside 16 (λσ/2)² (order 1: 8 λσ²) of the prior."""
+    to the normal equations is lost to rounding, beside 16 (λσ/2)² (order 1: 8 λσ²) of the prior.
+    With a stiffness, λ is that of the stiffest frame."""
     eps = float(jnp.finfo(dtype).eps)
     return (1 / (8 * eps)) ** 0.5 if order == 2 else 1 / (16 * eps)
 
@@ -221,28 +240,49 @@ def _check_options(
     one_of("signs", signs, ("nearest", "input", "min_energy"))
     if signs == "min_energy" and weights is not None:
         raise ValueError("signs='min_energy' with weights; give an index")
-    if stiffness is not None and (method == "geodesic" or window is not None):
-        raise ValueError("stiffness= is for method='chordal' or 'rotvec' without window=")
+    if stiffness is not None and window is not None:
+        raise ValueError("stiffness= takes no window=")
     if method == "geodesic" and (window is not None or signs == "min_energy"):
         raise ValueError("method='geodesic' takes no window= and no signs='min_energy'")
 
 
+def _stiffnesses(
+    turning: ArrayLike | None, moving: ArrayLike | None, design: Design, motion: Motion
+) -> tuple[Array, Array] | None:
+    """That of the rotations and that of the translations, checked; the same array twice where
+    translations have none of their own."""
+    if turning is None and moving is None:
+        return None
+    frames = frame_count(design.index, design.num_frames, motion.num_frames)
+    turning = np.ones(frames) if turning is None else turning
+    for name, value in {"stiffness": turning, "translation_stiffness": moving}.items():
+        if value is not None:
+            _check_shape(name, value, (frames,), motion.num_joints)
+            check_positive(f"smooth_motion: {name}", value)
+    turning = jnp.asarray(turning, motion.dtype)
+    return turning, turning if moving is None else jnp.asarray(moving, motion.dtype)
+
+
 def _of_both(
-    turning: ScalarLike, moving: ScalarLike, turned: np.ndarray, moved: np.ndarray
+    turning: ScalarLike, moving: ScalarLike, turned: np.ndarray, moved: np.ndarray, lead: int = 0
 ) -> ScalarLike:
-    """A parameter of some joints' rotations and others' translations, with a component axis."""
-    if turning is moving and np.ndim(turning) == 0:
+    """A parameter of some joints' rotations and others' translations, with a component axis;
+    ``lead``: how many axes it has before that of the joints, which it may lack."""
+    if turning is moving and np.ndim(turning) == lead:
         return turning
-    parts = (
-        jnp.broadcast_to(jnp.asarray(x)[joints] if np.ndim(x) else jnp.asarray(x), len(joints))
-        for x, joints in ((turning, turned), (moving, moved))
-    )
-    return jnp.concatenate(list(parts))[:, None]
+
+    def part(x, joints):
+        x = jnp.asarray(x)
+        x = x[..., joints] if x.ndim > lead else x[..., None]
+        return jnp.broadcast_to(x, (*x.shape[:-1], len(joints)))
+
+    return jnp.concatenate([part(turning, turned), part(moving, moved)], axis=-1)[..., None]
 
 
-def _check_gain(name: str, value: ScalarLike, joints: int) -> None:
-    if np.shape(value) not in ((), (joints,)):
+def _check_shape(name: str, value: ArrayLike, lead: tuple[int, ...], joints: int) -> None:
+    """``ValueError`` unless ``value`` has the axes ``lead``, and then one of joints or none."""
+    if np.shape(value) not in (lead, (*lead, joints)):
         raise ValueError(
-            f"smooth_motion: {name} has shape {np.shape(value)}; expected a scalar or ({joints},), "
-            "one a joint"
+            f"smooth_motion: {name} has shape {np.shape(value)}; expected {lead or 'a scalar'} or "
+            f"{(*lead, joints)}, one a joint"
         )

@@ -42,11 +42,17 @@ def loss_root(norm, loss):
     return norm
 
 
-def dense_minimum(y, start, order, loss="l2", index=None, weights=None, lam=LAM, sigma=SIGMA):
+FIRM = np.random.default_rng(8).uniform(0.3, 3, (12, 2))
+
+
+def dense_minimum(
+    y, start, order, loss="l2", index=None, weights=None, stiffness=None, lam=LAM, sigma=SIGMA
+):
     """Eq. 9 by SciPy, one joint: rotations and cost."""
     frames = len(start)
     index = np.arange(len(y)) if index is None else np.asarray(index)
     weights = np.ones(len(y)) if weights is None else np.asarray(weights)
+    firm = np.ones(frames) if stiffness is None else np.asarray(stiffness)
     low = np.floor(index).astype(int)
     high, share = np.minimum(low + 1, frames - 1), (index - low)[:, None]
     data, base = to_scipy(y), to_scipy(start)
@@ -62,11 +68,11 @@ def dense_minimum(y, start, order, loss="l2", index=None, weights=None, lam=LAM,
         scaled = loss_root(norm * np.sqrt(weights) / sigma, loss) / norm
         velocity = (x[:-1].inv() * x[1:]).as_rotvec()
         if order == 2:
-            prior = 0.5 * lam * np.diff(velocity, axis=0)
+            prior = 0.5 * lam * firm[1:-1, None] * np.diff(velocity, axis=0)
         else:
             c = np.full(frames - 1, 2.0)
             c[0] = c[-1] = 1
-            prior = np.sqrt(lam * c)[:, None] * velocity
+            prior = np.sqrt(lam * c * firm[1:])[:, None] * velocity
         return np.concatenate([(scaled[:, None] * misfit).ravel(), prior.ravel()])
 
     found = least_squares(
@@ -87,6 +93,12 @@ def dense_minimum(y, start, order, loss="l2", index=None, weights=None, lam=LAM,
         (2, "cauchy", {"weights": np.array([1.0, 0.0, 2.0, 1.0, 1.0, 1.0, 0.5, 1.0])}),
         (1, "l2", {"index": np.array([0, 3, 4, 9]), "num_frames": 11}),
         (2, "l2", {"index": np.array([0.0, 2.5, 4.25, 8.7]), "num_frames": 10}),
+        (1, "l2", {"stiffness": FIRM[:8, 0]}),
+        (
+            2,
+            "l2",
+            {"index": np.array([0.0, 2.5, 4.3, 9.7]), "num_frames": 12, "stiffness": FIRM[:, 0]},
+        ),
     ],
 )
 def test_agrees_with_dense_scipy_minimiser(order, loss, options):
@@ -163,6 +175,25 @@ def test_steady_spin_and_repeated_pose_come_back(smooth):
     assert jnp.max(quaternion.distance(mean, q)) < 1e-10
 
 
+def test_stiffness_of_ones_of_one_number_and_of_every_frame_and_joint(smooth):
+    """A batch of stiffnesses; float32; and one that is wrong."""
+    q, firm = jnp.asarray(clip(7, 2)), jnp.asarray(FIRM[:7])
+    batch = jax.jit(jax.vmap(lambda s: geodesic(q, LAMS, SIGMAS, stiffness=s).mean))
+    ones = jnp.ones((7, 2))
+    of_ones, of_threes, of_firm = batch(jnp.stack([ones, 3 * ones, firm]))
+    assert jnp.max(quaternion.distance(of_ones, smooth(q, LAMS, SIGMAS)[0])) < 1e-10
+    assert jnp.max(quaternion.distance(of_threes, smooth(q, 3 * LAMS, SIGMAS)[0])) < 1e-10
+    for j in range(2):
+        options = {"lam": LAMS[j], "sigma": SIGMAS[j], "stiffness": firm[:, j]}
+        expected, _ = dense_minimum(q[:, j], of_firm[:, j], 2, **options)
+        assert largest_angle(of_firm[:, j], expected) < 1e-8
+    single = geodesic(q.astype(jnp.float32), 2.0, 0.3, stiffness=FIRM[:7, 0]).mean
+    assert single.dtype == jnp.float32
+    assert largest_angle(single[:, 0], of_firm[:, 0]) < 5e-6
+    with pytest.raises(Exception, match="stiffness must be positive"):
+        batch(jnp.stack([ones, firm.at[3, 1].set(-1), firm])).block_until_ready()
+
+
 @pytest.mark.slow
 def test_jit_vmap_and_joints_agree_and_inputs_stay(smooth):
     q = clip(7, 2)
@@ -233,7 +264,7 @@ def test_float32_throughout_and_an_answer_or_a_flag_beyond_it(smooth):
 
 @pytest.mark.slow
 def test_derivatives_forward_reverse_and_finite_differences():
-    """In data, lam, sigma, weights and a fractional index at once."""
+    """In data, lam, sigma, weights, stiffness and a fractional index at once."""
     rng = np.random.default_rng(3)
     q = jnp.asarray(clip(6, 2))
     turn = jnp.asarray(rng.standard_normal((6, 2, 3)))
@@ -249,6 +280,7 @@ def test_derivatives_forward_reverse_and_finite_differences():
             4 * SIGMAS * (1 - t),
             loss="huber",
             weights=weights * (1 + t),
+            stiffness=FIRM[:8] * (1 + t * target[..., 0]),
             index=index + 0.3 * t,
             num_frames=8,
         )
@@ -261,17 +293,21 @@ def test_derivatives_forward_reverse_and_finite_differences():
     np.testing.assert_allclose(reverse(jnp.array(0.0)), numeric, rtol=1e-6)
 
 
-def test_gradient_of_the_velocity_form_in_lam_and_sigma():
+@pytest.mark.parametrize("order", [1, 2])
+def test_gradient_in_lam_sigma_and_the_stiffness_of_every_frame(order):
     q = jnp.asarray(clip(7, 2))
     target = jnp.asarray(np.random.default_rng(4).standard_normal((7, 2, 4)))
 
     def function(parameters):
-        return jnp.vdot(target, geodesic(q, *parameters, order=1).mean)
+        lam, sigma, *firm = parameters
+        answer = geodesic(q, lam, sigma, order=order, stiffness=jnp.stack(firm))
+        return jnp.vdot(target, answer.mean)
 
     both = eqx.filter_jit(jax.value_and_grad(function))
-    at = jnp.stack([LAMS, SIGMAS])
-    for place in [(0, 0), (0, 1), (1, 1)]:
-        step = jnp.zeros((2, 2)).at[place].set(1e-4 * at[place])
+    at = jnp.concatenate([jnp.stack([LAMS, SIGMAS]), FIRM[:7]])
+    np.testing.assert_array_equal(both(at)[1][2], 0)  # frame 0 has none
+    for place in [(0, 0), (0, 1), (1, 1), (3, 0), (5, 1)]:
+        step = jnp.zeros_like(at).at[place].set(1e-4 * at[place])
         numeric = (both(at + step)[0] - both(at - step)[0]) / (2e-4 * at[place])
         np.testing.assert_allclose(both(at)[1][place], numeric, rtol=1e-6, atol=1e-9)
 
@@ -314,6 +350,9 @@ def test_bad_input_is_named():
     for lam, sigma in [(0.0, 1.0), (1.0, -1.0), (np.nan, 1.0)]:
         with pytest.raises(ValueError, match=r"(lam|sigma) must be positive"):
             geodesic(q, lam, sigma)
+    for wrong in (FIRM[:5], FIRM[:6, :1].repeat(3, 1), FIRM[:6, :, None]):
+        with pytest.raises(ValueError, match=r"stiffness has shape"):
+            geodesic(q, LAM, SIGMA, stiffness=wrong)
     with pytest.raises(ValueError, match=r"distinct frames"):
         geodesic(q, LAM, SIGMA, weights=np.array([1.0, 0, 0, 0, 0, 0]))
     for bad in (np.where(q == q[2, 1], np.nan, q), 1.01 * q):

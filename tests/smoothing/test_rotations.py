@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmotion import quaternion
+from jaxmotion import Motion, quaternion
 from jaxmotion.smoothing import geodesic, lgs, smooth_motion, smooth_quaternions
 from tests.helpers import (
     assert_jit_and_vmap_agree,
@@ -18,8 +18,9 @@ from tests.helpers import (
 )
 
 
-def dense_smooth(y, product, weights=None, index=None, frames=None):
-    """Minimiser of Σ w‖Ax − y‖² + λ²σ²‖Lx‖², L of rows (−½, 1, −½), by a dense solve."""
+def dense_smooth(y, product, weights=None, index=None, frames=None, stiffness=None):
+    """Minimiser of Σ w‖Ax − y‖² + λ²σ²‖Lx‖², L of rows (−½, 1, −½) times the stiffness of the
+    middle frame, by a dense solve."""
     y = np.asarray(y, np.float64)
     frames = len(y) if frames is None else frames
     index = np.arange(len(y)) if index is None else np.asarray(index)
@@ -27,6 +28,8 @@ def dense_smooth(y, product, weights=None, index=None, frames=None):
     prior = np.zeros((max(frames - 2, 0), frames))
     for j in range(frames - 2):
         prior[j, j : j + 3] = [-0.5, 1, -0.5]
+    if stiffness is not None:
+        prior *= stiffness[1:-1, None]
     w = np.ones(len(y)) if weights is None else np.asarray(weights)
     system = product**2 * prior.T @ prior + design.T @ (w[:, None] * design)
     flat = y.reshape(len(y), -1)
@@ -236,20 +239,58 @@ def test_stiffness_by_frame_reaches_rotations_and_translations():
         np.testing.assert_allclose(got.translations[:, j], want, atol=1e-10)
     alone = smooth_quaternions(motion.rotations, 4.0, 1.0, stiffness=firm)
     assert_same_rotation(alone, got.rotations)
-    with pytest.raises(ValueError, match="stiffness= is for"):
-        smooth_motion(motion, 4.0, 1.0, stiffness=firm, method="geodesic")
+    for given in ({"stiffness": firm}, {"translation_stiffness": firm}):
+        with pytest.raises(ValueError, match="stiffness= takes no window="):
+            smooth_motion(motion, 4.0, 1.0, window=8, **given)
+
+
+def test_translations_may_have_a_stiffness_of_their_own(dtype):
+    rng = np.random.default_rng(14)
+    plain, q = random_motion(rng, 12, 4, dtype), wandering(rng, 12, 4)[1]
+    motion = Motion(
+        plain.skeleton,
+        plain.translations,
+        q.astype(dtype),
+        plain.frame_time,
+        translated_joints=(1, 3),
+    )
+    (of_joints, other), ones = rng.uniform(0.3, 3, (2, 12, 4)), np.ones(12)
+    shared = of_joints[:, 0] / 2
+    tolerance = 1e-11 if dtype == np.float64 else 5e-6
+    for turning, moving in ((of_joints, other), (None, shared), (shared, other), (of_joints, ones)):
+        given = {"stiffness": turning, "translation_stiffness": moving}
+        got = smooth_motion(motion, 4.0, 1.0, **given)
+        assert got.translations.dtype == got.rotations.dtype == dtype
+        turning = ones if turning is None else turning
+        for j in range(4):
+            turned, moved = (x if x.ndim == 1 else x[:, j] for x in (turning, moving))
+            want = unit(dense_smooth(q[:, j], 4.0, stiffness=turned))
+            assert_same_rotation(got.rotations[:, j], want, atol=tolerance)
+            if j in motion.translated_joints:
+                want = dense_smooth(motion.translations[:, j], 4.0, stiffness=moved)
+                np.testing.assert_allclose(got.translations[:, j], want, atol=tolerance)
+    for name in ("stiffness", "translation_stiffness"):
+        for wrong in (of_joints[:, :3], of_joints[:5]):
+            with pytest.raises(ValueError, match=f"smooth_motion: {name} has shape"):
+                smooth_motion(motion, 4.0, 1.0, **{name: wrong})
+        with pytest.raises(ValueError, match=f"smooth_motion: {name} must be positive"):
+            smooth_motion(motion, 4.0, 1.0, **{name: -ones})
+    with pytest.raises(ValueError, match="stiffness has shape"):
+        smooth_quaternions(motion.rotations, 4.0, 1.0, stiffness=of_joints[:, :3])
 
 
 def test_the_geodesic_method_is_geodesic():
     rng = np.random.default_rng(12)
     _, q = wandering(rng, 15)
     lam, w = np.array([2.0, 5.0, 9.0]), rng.uniform(0.5, 2, (15, 3))
-    got = smooth_quaternions(q, lam, 1.0, weights=w, method="geodesic")
-    np.testing.assert_array_equal(got, geodesic(q, lam, 1.0, weights=w).mean)
+    by_frame = {"weights": w, "stiffness": rng.uniform(0.3, 3, (15, 3))}
+    got = smooth_quaternions(q, lam, 1.0, **by_frame, method="geodesic")
+    np.testing.assert_array_equal(got, geodesic(q, lam, 1.0, **by_frame).mean)
     motion = random_motion(rng, 15, 3).with_transforms(rotations=jnp.asarray(q))
-    whole = smooth_motion(motion, lam, 1.0, weights=w, method="geodesic")
+    by_frame["translation_stiffness"] = rng.uniform(0.3, 3, 15)
+    whole = smooth_motion(motion, lam, 1.0, **by_frame, method="geodesic")
     np.testing.assert_allclose(whole.rotations, got, atol=1e-12)
-    linear = smooth_motion(motion, lam, 1.0, weights=w)
+    linear = smooth_motion(motion, lam, 1.0, **by_frame)
     np.testing.assert_allclose(whole.translations, linear.translations, atol=1e-12)
     with pytest.raises(ValueError, match="takes no window"):
         smooth_quaternions(q, 2.0, 1.0, method="geodesic", window=8)
