@@ -95,7 +95,8 @@ def touched() -> contacts.Contacts:
 def geodesic() -> smoothing.GeodesicPosterior:
     q = motion().rotations
     seen = Observations(None, None, None, FRAMES)
-    problem = _Problem(q, q, None, zeros(JOINTS), zeros(JOINTS), seen, 2, "l2")
+    rows = zeros(FRAMES - 2, 1, JOINTS)
+    problem = _Problem(q, q, None, rows, zeros(JOINTS), seen, 2, "l2")
     done = optimistix.RESULTS.successful
     return smoothing.GeodesicPosterior(q, zeros(dtype=np.int32), done, problem)
 
@@ -162,6 +163,7 @@ _MAKERS: dict[str, Callable[[], Any]] = {
     "Tuning": tuning,
     "MotionTuning": lambda: smoothing.MotionTuning(tuning(), tuning()),
     "KeySuggestions": lambda: smoothing.KeySuggestions(zeros(3, dtype=np.int32), zeros(3, FRAMES)),
+    "Bridge": lambda: smoothing.bridges.Bridge("LeftFoot", 12, 13, 0.2, 45.0),
     "StreamingSmoother": smoother,
     "StreamState": lambda: as_returned(smoother().init, zeros(JOINTS, 3)),
     "Pyramid": lambda: as_returned(lambda m: multiresolution.build_pyramid(m, 1), motion()),

@@ -56,7 +56,16 @@ def test_results_are_one_line(name):
     assert_one_line(object.__new__(type(thing)) if name not in TUPLES else thing, name)
 
 
-TUPLES = ("UpGuess", "Interval", "ContactScores", "Knowledge", "Information", "Gains", "State")
+TUPLES = (
+    "UpGuess",
+    "Bridge",
+    "Interval",
+    "ContactScores",
+    "Knowledge",
+    "Information",
+    "Gains",
+    "State",
+)
 
 
 def test_results_are_one_line_while_they_are_traced():

@@ -1,4 +1,4 @@
-"""Presets: ``--preset file.toml`` gives options other defaults. Keys at the top serve every command,
+"""Presets: ``--preset file.toml`` gives options other defaults. Keys at the top serve all commands,
 those in a table of a command's name only it; what is typed on the command line wins.
 
     overwrite = true

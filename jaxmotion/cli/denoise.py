@@ -100,7 +100,7 @@ def _learned(motion: "Motion", length: int, tuning: Any, rows: "tuple[Bridge, ..
     from jaxmotion.cli._learned import of_noise
 
     noise = of_noise(motion, length, tuning)
-    return noise | {"bridged": [vars(row) for row in rows]} if rows else noise
+    return noise | {"bridged": [row._asdict() for row in rows]} if rows else noise
 
 
 def bridges(motion: "Motion", clean: "Motion", length: int) -> "tuple[Bridge, ...]":

@@ -1,19 +1,20 @@
 """What a smoother bridged, in rows for people: where samples had weight 0, and by how much their
 rotations turned. On the host, O(T·J)."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from jaxmotion import quaternion
 from jaxmotion._checks import known, traced
 from jaxmotion._entry import check_weights, one_clip
+from jaxmotion._summary import line
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 
 
-@dataclass(frozen=True)
-class Bridge:
+class Bridge(NamedTuple):
     """Frames of a joint that were taken for missing, and what became of them.
 
     **Fields:** ``joint``: by name; ``frame``, ``last_frame``: the first and the last, from 0;
@@ -26,6 +27,14 @@ class Bridge:
     last_frame: int
     seconds: float
     degrees: float
+
+    def __repr__(self) -> str:
+        return line(self, self._words)
+
+    def _words(self) -> Iterator[str]:
+        yield str(self.joint)
+        yield f"frames {self.frame} to {self.last_frame}"
+        yield f"{self.degrees}°"
 
 
 def bridged(motion: Motion, result: Motion, weights: ArrayLike) -> tuple[Bridge, ...]:

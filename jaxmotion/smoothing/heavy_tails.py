@@ -87,8 +87,11 @@ def settle(
     channels = rough.mean.shape[-1]
     bends = jnp.sum(jnp.diff(rough.mean, n=2, axis=0) ** 2, axis=-1)
     usual = jnp.nanmedian(jnp.where(told, bends, jnp.nan), axis=0)
-    tiny = float(jnp.finfo(bends.dtype).tiny)
-    first = _tails(channels * bends / jnp.maximum(usual, tiny), _DOF * every, told, channels)
+    # Rounding of the data bends as well: what is usual is no less.
+    rounding = (8 * float(jnp.finfo(bends.dtype).eps)) ** 2
+    usual = jnp.maximum(usual, rounding * jnp.max(jnp.sum(rough.mean**2, axis=-1), axis=0))
+    z = channels * bends / jnp.where(told, usual, 1)
+    first = _tails(z, _DOF * every, told, channels)
 
     def look(state, k):
         search, tails = state

@@ -135,6 +135,17 @@ def test_still_groups_teach_nothing():
     assert found.sigma[2] == 1
 
 
+def test_quantised_data():
+    """Second differences that are most often none at all."""
+    y = np.round(signals()[0] * np.array([1.0, 0.02, 1.0])[:, None], 1)
+    found = student(y)
+    for x in jax.tree.leaves(found):
+        assert np.isfinite(x).all()
+    assert (np.asarray(found.stiffness) > 0).all()
+    low = student(y.astype(np.float32))
+    assert np.isfinite(low.stiffness).all()
+
+
 def test_gaussian_data_have_gaussian_tails():
     rng = np.random.default_rng(5)
     y = np.cumsum(np.cumsum(rng.standard_normal((200, 1, 3)), 0), 0)
