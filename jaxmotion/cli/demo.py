@@ -53,7 +53,7 @@ def _clips(seed: int) -> "dict[str, Motion]":
     import jaxmotion as jm
 
     sample, noisy = jm.samples.clean_and_noisy("walk", seed=seed)
-    layers = jm.decompose(noisy.motion, tune="evidence")
+    layers = jm.decompose(noisy.motion, tune="evidence", prior="student")
     return {
         "clean": sample.motion,
         "noisy": noisy.motion,
