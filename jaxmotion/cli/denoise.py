@@ -1,5 +1,6 @@
 """``jaxmotion denoise``: remove the noise of the capture, keep the motion."""
 
+import math
 import warnings
 from collections.abc import Sequence
 from functools import partial
@@ -44,6 +45,18 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
     help="Learn the smoothness of every joint from the clip, or take the paper's.  [default: auto]",
 )
 @click.option(
+    "--prior",
+    type=click.Choice(["student", "gaussian"]),
+    help="Leave sudden moves as they are, or smooth them with all else, as the paper does.  "
+    "[default: student]",
+)
+@click.option(
+    "--max-change",
+    type=_POSITIVE,
+    metavar="DEGREES",
+    help="Turn no joint by more than this, whatever is learned of the noise.",
+)
+@click.option(
     "--robust", is_flag=True, default=None, help="Find spikes first, and bridge and list them."
 )
 @click.option("--lam", type=_POSITIVE, help="Smoothness of what is kept; for experts.")
@@ -57,6 +70,7 @@ def command(
     method: str | None,
     auto: bool | None,
     prior: str | None,
+    max_change: float | None,
     robust: bool | None,
     lam: float | None,
     sigma: float | None,
@@ -76,6 +90,8 @@ def command(
         raise click.UsageError("--auto learns what --lam and --sigma give; use one or the other")
     given = {"method": method, "tune": auto, "prior": prior, "robust": robust}
     given |= {"lam": lam, "sigma": sigma}
+    if max_change is not None:
+        given["max_change"] = math.radians(max_change)
     options = {name: value for name, value in given.items() if value is not None}
     made = partial(edit, options=options, selection=selection)
     edit_files(made, batch, running, selection, keep=keep_contacts)

@@ -16,6 +16,7 @@ from jaxmotion import spacetime
 from jaxmotion._checks import instance_of, one_of, static
 from jaxmotion._entry import one_clip, skeleton_of
 from jaxmotion._file_facts import compiled
+from jaxmotion._numerics import safe_norm
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
 from jaxmotion.contacts.contact import check_kept
@@ -108,6 +109,7 @@ def denoise(
     lam: ScalarLike | None = None,
     sigma: ScalarLike | None = None,
     strength: ArrayLike = 1.0,
+    max_change: ScalarLike | None = None,
     method: Literal["chordal", "geodesic"] = "chordal",
     prior: Prior = "student",
     robust: bool = False,
@@ -124,10 +126,11 @@ def denoise(
     from the clip, per joint, by restricted evidence; False takes the paper's λ = σ = 1 for the
     control layer; ``lam``, ``sigma``: that layer's parameters, scalars or f[J], and nothing is
     learned (one left out is 1); ``strength``: the share of the residual that is removed, 1 for all,
-    0 for none, a scalar, f[J] or f[T, J]; ``method``: as :func:`decompose`; ``prior``: what is
-    learned of second differences: "student", heavy tails that tell sudden moves from noise, or
-    "gaussian", the paper's (:func:`~jaxmotion.smoothing.tune`); ``robust``: find spikes first and
-    bridge them (``weights=smoothing.outlier_weights(motion)`` does the same, and
+    0 for none, a scalar, f[J] or f[T, J]; ``max_change``: radians by which no joint is turned more,
+    whatever was learned (of its noise less is removed there); ``method``: as :func:`decompose`;
+    ``prior``: what is learned of second differences: "student", heavy tails that tell sudden moves
+    from noise, or "gaussian", the paper's (:func:`~jaxmotion.smoothing.tune`); ``robust``: find
+    spikes first and bridge them (``weights=smoothing.outlier_weights(motion)`` does the same, and
     ``smoothing.bridged`` lists what was bridged); ``weights``, ``length``: as :func:`decompose`.
     **Returns:** a motion of the same shape.
     **Raises:** as :func:`decompose` and :func:`synthesize`.
@@ -142,7 +145,7 @@ def denoise(
         >>> bool(off[0].mean() < 0.7 * off[1].mean())
         True
     """
-    given = tune, lam, sigma, strength, method, prior, robust, weights, length
+    given = tune, lam, sigma, strength, max_change, method, prior, robust, weights, length
     return denoised(motion, *given).motion
 
 
@@ -160,6 +163,7 @@ def denoised(
     lam: ScalarLike | None = None,
     sigma: ScalarLike | None = None,
     strength: ArrayLike = 1.0,
+    max_change: ScalarLike | None = None,
     method: Literal["chordal", "geodesic"] = "chordal",
     prior: Prior = "student",
     robust: bool = False,
@@ -170,20 +174,24 @@ def denoised(
     check_method(method, "denoise")
     one_of("denoise: prior", prior, ("student", "gaussian"))
     motion, weights = checked_weights(motion, weights, length, "denoise")
-    for name, value in (("lam", lam), ("sigma", sigma)):
+    for name, value in (("lam", lam), ("sigma", sigma), ("max_change", max_change)):
         if value is not None:
             check_positive(f"denoise: {name}", value)
     removed = _gain("denoise: strength", strength, motion)
-    room, motion, weights = with_room(motion, weights, length, method, removed, lam, sigma)
+    room, motion, weights = with_room(
+        motion, weights, length, method, removed, lam, sigma, max_change
+    )
     kept = 1.0 - (room.fill(removed) if removed.ndim == 2 else removed)
+    most = None if max_change is None else jnp.asarray(max_change, motion.dtype)
     if robust:
         weights = outlier_weights(motion, weights=weights)
     if tune and lam is None and sigma is None:
-        tuning, clean = _without_noise(motion, weights, kept, prior, method)
+        tuning, clean = _without_noise(motion, weights, kept, most, prior, method)
         return Denoised(room.cut(clean), tuning)
     given = (np.pi / 2, *(1.0 if value is None else value for value in (lam, sigma)))
     gamma, lam_c, sigma_c = (jnp.asarray(value, motion.dtype) for value in given)
     layers = layers_of(motion, weights, gamma, lam_c, sigma_c, method=method)
+    kept = _kept(layers.residual, kept, most)
     return Denoised(room.cut(_edited("denoise", layers, 1.0, kept, 1.0)), None)
 
 
@@ -192,13 +200,24 @@ def _without_noise(
     motion: Motion,
     weights: Array | None,
     kept: Array,
+    most: Array | None,
     prior: Prior,
     method: Literal["chordal", "geodesic"],
 ) -> tuple[MotionTuning, Motion]:
     """What is learned, and the tuned layers' base ⊕ control ⊕ a share of the residual, for which no
     base is needed."""
     tuning, clean = without_noise(motion, "evidence", 2, prior, weights, method)
-    return tuning, plus(clean, minus(motion, clean).scale(kept))
+    noise = minus(motion, clean)
+    return tuning, plus(clean, noise.scale(_kept(noise, kept, most)))
+
+
+def _kept(noise: Displacement, kept: Array, most: Array | None) -> Array:
+    """The share of the noise that stays, so that what goes turns no joint by more than ``most``."""
+    if most is None:
+        return kept
+    angle = safe_norm(noise.rotations)
+    far = angle > most
+    return jnp.maximum(kept, jnp.where(far, 1 - most / jnp.where(far, angle, 1), 0))
 
 
 @static("keep_contacts")

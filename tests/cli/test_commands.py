@@ -68,6 +68,10 @@ def test_denoise_options_reach_the_library(jaxmotion, take, tmp_path):
         ("--robust",): {"robust": True},
         ("--paper",): {"tune": False},
         ("--auto",): {},
+        ("--prior", "gaussian", "--max-change", "0.5"): {
+            "prior": "gaussian",
+            "max_change": np.radians(0.5),
+        },
     }
     for words, options in asked.items():
         jaxmotion("denoise", take, "-o", out, "--overwrite", *words)

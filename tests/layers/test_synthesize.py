@@ -54,6 +54,25 @@ def test_gains_per_joint_per_frame_and_for_translations(layers):
     assert_same_rotation(split.rotations, jm.synthesize(layers, 2.0).rotations)
 
 
+@pytest.mark.parametrize("tune", [True, False])
+def test_denoise_turns_no_joint_by_more_than_it_may(tune):
+    motion = jm.samples.add_noise(swinging(), jax.random.key(1), rotation=0.05).motion
+    free = jm.denoise(motion, tune=tune)
+    angle = np.asarray(quaternion.distance(motion.rotations, free.rotations))
+    most = float(np.median(angle[:, 1]))
+    held = jm.denoise(motion, tune=tune, max_change=most)
+    other = np.asarray(quaternion.distance(motion.rotations, held.rotations))
+    np.testing.assert_allclose(other, np.minimum(angle, most), atol=1e-9)
+    toward = quaternion.between(motion.rotations, free.rotations)
+    share = other / np.where(angle > 0, angle, 1)
+    want = quaternion.multiply(
+        motion.rotations, quaternion.exp(share[..., None] * np.asarray(quaternion.log(toward)))
+    )
+    assert_same_rotation(held.rotations, want)
+    slope = jax.grad(lambda m: jm.denoise(motion, tune=tune, max_change=m).rotations[:, 1].sum())
+    assert np.isfinite(slope(most))
+
+
 def test_denoise_by_strength_and_stylize_are_compositions_of_the_two_steps(layers):
     motion = swinging(swing=1.5)
     assert_same_rotation(jm.denoise(motion, tune=False).rotations, jm.synthesize(layers).rotations)
