@@ -154,4 +154,4 @@ def test_both_names_of_an_option_are_one(jaxmotion, take, tmp_path, edited):
     for key in ("auto", "tune"):
         preset.write_text(f"[denoise]\n{key} = false\n")
         jaxmotion("denoise", take, "-o", "out", "--preset", preset)
-    assert [edit.keywords for edit, *_ in edited] == [{"options": {"tune": False}}] * 4
+    assert [edit.keywords["options"] for edit, *_ in edited] == [{"tune": False}] * 4
