@@ -20,6 +20,7 @@ one after the other, each O(T·J).
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Literal
 
 import equinox as eqx
@@ -148,7 +149,19 @@ def decompose(
     def of_frames(layers):
         return layers.base, layers.control, layers.residual
 
-    return eqx.tree_at(of_frames, layers, tuple(map(room.cut, of_frames(layers))))
+    layers = eqx.tree_at(of_frames, layers, tuple(map(room.cut, of_frames(layers))))
+    return replace(layers, tuning=cut_tuning(room, layers.tuning))
+
+
+def cut_tuning(room: Room, tuning: MotionTuning | None) -> MotionTuning | None:
+    """What was learned, of the frames that count."""
+    if tuning is None or tuning.rotations.stiffness is None:
+        return tuning
+
+    def by_frame(tuning):
+        return tuning.rotations.stiffness, tuning.translations.stiffness
+
+    return eqx.tree_at(by_frame, tuning, tuple(map(room.cut, by_frame(tuning))))
 
 
 def with_room(

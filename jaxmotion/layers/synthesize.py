@@ -26,6 +26,7 @@ from jaxmotion.layers.decompose import (
     check_method,
     checked_layers,
     checked_weights,
+    cut_tuning,
     layers_of,
     with_room,
     without_noise,
@@ -187,7 +188,7 @@ def denoised(
         weights = outlier_weights(motion, weights=weights)
     if tune and lam is None and sigma is None:
         tuning, clean = _without_noise(motion, weights, kept, most, prior, method)
-        return Denoised(room.cut(clean), tuning)
+        return Denoised(room.cut(clean), cut_tuning(room, tuning))
     given = (np.pi / 2, *(1.0 if value is None else value for value in (lam, sigma)))
     gamma, lam_c, sigma_c = (jnp.asarray(value, motion.dtype) for value in given)
     layers = layers_of(motion, weights, gamma, lam_c, sigma_c, method=method)

@@ -107,12 +107,16 @@ def test_a_fast_joint_leaves_no_noise_in_a_still_one():
     assert error(jm.denoise(motion, tune=False)) > 0.3 * error(motion)
 
 
-@pytest.mark.parametrize("method", ["chordal", "geodesic"])
-def test_denoise_is_the_tuned_layers_without_the_residual(method):
+@pytest.mark.parametrize(
+    ("method", "prior"),
+    [("chordal", "student"), ("chordal", "gaussian"), ("geodesic", "student")],
+)
+def test_denoise_is_the_tuned_layers_without_the_residual(method, prior):
     motion = swinging(frames=30)
-    layers = jm.decompose(motion, tune="evidence", method=method)
+    layers = jm.decompose(motion, tune="evidence", prior=prior, method=method)
     for strength in (1.0, 0.25):
-        got = jm.denoise(motion, method=method, strength=strength)
+        options = {} if prior == "student" else {"prior": prior}
+        got = jm.denoise(motion, method=method, strength=strength, **options)
         want = jm.synthesize(layers, 1.0, 1.0 - strength)
         assert_same_rotation(got.rotations, want.rotations, 1e-9)
         np.testing.assert_allclose(got.translations, want.translations, atol=1e-12)
@@ -120,7 +124,14 @@ def test_denoise_is_the_tuned_layers_without_the_residual(method):
     assert_same_rotation(again.rotations, motion.rotations, 1e-10)
     assert layers.tuning is not None
     learned = layers.tuning.rotations
-    clean = smooth_quaternions(motion.rotations, learned.lam, learned.sigma, method=method)
+    assert (learned.stiffness is None) == (prior == "gaussian")
+    clean = smooth_quaternions(
+        motion.rotations,
+        learned.lam,
+        learned.sigma,
+        stiffness=learned.stiffness,
+        method=method,
+    )
     assert_same_rotation(plus(layers.base, layers.control).rotations, clean, 1e-9)
 
 
