@@ -236,6 +236,7 @@ RECIPES = {
         smoothed_positions,
         cases=ILL_CONDITIONED,
     ),
+    "linalg.chain_bend_variance": recipe(lambda f, c: f(chain_factor(chain(c))), weighted),
     "linalg.chain_covariance": recipe(lambda f, c: f(chain_factor(chain(c))), weighted),
     "linalg.chain_factor": recipe(lambda f, c: f(chain(c)), weighted),
     "linalg.chain_log_det": recipe(lambda f, c: f(chain(c)), weighted),
