@@ -14,6 +14,7 @@ where ``device_put`` does not).
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
+import equinox as eqx
 import jax
 import numpy as np
 
@@ -35,17 +36,22 @@ class Room(NamedTuple):
         """What to pass as ``length=``, None where nothing is padded."""
         return self.frames if self.size else None
 
-    def fill(self, clip: Clip) -> Clip:
-        """A motion, or an array f[T, ...], at the size."""
-        return self._mapped(clip, lambda x: padded(x, self.size))
+    def fill(self, clip: Clip, parts: Callable[[Clip], tuple] | None = None) -> Clip:
+        """A motion or an array f[T, ...] at the size; or a tree, of which ``parts`` picks such."""
+        return self._mapped(clip, lambda x: padded(x, self.size), parts)
 
-    def cut(self, clip: Clip) -> Clip:
-        """A motion, displacement or array at the size, without the frames that do not count."""
-        return self._mapped(clip, lambda x: x[: self.frames])
+    def cut(self, clip: Clip, parts: Callable[[Clip], tuple] | None = None) -> Clip:
+        """A motion, displacement or array at the size, without the frames that do not count; or a
+        tree, of which ``parts`` picks such."""
+        return self._mapped(clip, lambda x: x[: self.frames], parts)
 
-    def _mapped(self, clip: Any, change: Callable[[Any], Any]) -> Any:
+    def _mapped(
+        self, clip: Any, change: Callable[[Any], Any], parts: Callable[[Any], tuple] | None = None
+    ) -> Any:
         if not self.size:
             return clip
+        if parts is not None:
+            return eqx.tree_at(parts, clip, tuple(self._mapped(x, change) for x in parts(clip)))
         if not isinstance(clip, (Motion, Displacement)):
             return jax.device_put(change(np.asarray(clip)))
         translations, rotations = (

@@ -90,6 +90,7 @@ def with_contacts(
     """
     import numpy as np
 
+    from jaxmotion.contacts import intervals
     from jaxmotion.metrics import foot_skate
 
     if not np.asarray(contacts.mask).any():
@@ -108,15 +109,7 @@ def with_contacts(
     after = foot_skate(kept, contacts)
     roots = (np.asarray(clip.translations)[:length, 0] for clip in (edited, kept))
     moved = np.linalg.norm(np.subtract(*roots), axis=-1).max()
-    return kept, Skate(before, plain, after, True, metres, _count(contacts), float(moved))
-
-
-def _count(contacts: "Contacts") -> int:
-    """How often a point comes to touch."""
-    import numpy as np
-
-    mask = np.asarray(contacts.mask)
-    return int(mask[0].sum() + (mask[1:] & ~mask[:-1]).sum())
+    return kept, Skate(before, plain, after, True, metres, len(intervals(contacts)), float(moved))
 
 
 def with_feet(

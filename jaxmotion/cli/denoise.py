@@ -22,6 +22,7 @@ from jaxmotion.cli._work import Edited, confined
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
+    from jaxmotion._types import ArrayLike
     from jaxmotion.smoothing import Bridge
 
 _NAMED = 5
@@ -104,8 +105,9 @@ def edit(motion: "Motion", length: int, *, options: dict[str, Any], selection: S
 
     found = denoised(motion, length=length, **options)
     rows = ()
-    if options.get("robust"):
-        rows = bridges(motion, confined(motion, found.motion, length, selection), length)
+    if found.weights is not None:
+        clean = confined(motion, found.motion, length, selection)
+        rows = bridges(motion, clean, found.weights, length)
     if rows:
         warnings.warn(in_brief(rows), Notice, stacklevel=2)
     return Edited(found.motion, partial(_learned, motion, length, found.tuning, rows))
@@ -119,14 +121,15 @@ def _learned(motion: "Motion", length: int, tuning: Any, rows: "tuple[Bridge, ..
     return noise | {"bridged": [row._asdict() for row in rows]} if rows else noise
 
 
-def bridges(motion: "Motion", clean: "Motion", length: int) -> "tuple[Bridge, ...]":
-    """The spikes of a padded clip that differ in the ``clean`` one, bridged."""
+def bridges(
+    motion: "Motion", clean: "Motion", weights: "ArrayLike", length: int
+) -> "tuple[Bridge, ...]":
+    """The spikes of a padded clip, of weight 0, that differ in the ``clean`` one."""
     import numpy as np
 
-    from jaxmotion.smoothing import bridged, outlier_weights
+    from jaxmotion.smoothing import bridged
 
-    counts = np.asarray(np.arange(motion.num_frames) < length, motion.dtype)
-    weights = np.where(counts[:, None] > 0, outlier_weights(motion, weights=counts), 1)
+    weights = np.where(np.arange(motion.num_frames)[:, None] < length, weights, 1)
     return tuple(row for row in bridged(motion, clean, weights) if row.degrees > _SEEN)
 
 

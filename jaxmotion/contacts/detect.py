@@ -104,7 +104,7 @@ def detect(
         return _detect(motion, points, method, level, motion.num_frames, scale, count)
     room = room_for(motion, points, level, tolerance, length=length)
     found = _detect(room.fill(motion), points, method, level, frames, scale, count)
-    return eqx.tree_at(over_time, found, tuple(map(room.cut, over_time(found))))
+    return room.cut(found, over_time)
 
 
 def _window(motion: Motion, window: int | None) -> int:

@@ -23,7 +23,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -149,7 +148,7 @@ def decompose(
     def of_frames(layers):
         return layers.base, layers.control, layers.residual
 
-    layers = eqx.tree_at(of_frames, layers, tuple(map(room.cut, of_frames(layers))))
+    layers = room.cut(layers, of_frames)
     return replace(layers, tuning=cut_tuning(room, layers.tuning))
 
 
@@ -161,7 +160,7 @@ def cut_tuning(room: Room, tuning: MotionTuning | None) -> MotionTuning | None:
     def by_frame(tuning):
         return tuning.rotations.stiffness, tuning.translations.stiffness
 
-    return eqx.tree_at(by_frame, tuning, tuple(map(room.cut, by_frame(tuning))))
+    return room.cut(tuning, by_frame)
 
 
 def with_room(

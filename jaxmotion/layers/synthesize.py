@@ -152,10 +152,11 @@ def denoise(
 
 class Denoised(NamedTuple):
     """``motion``: what :func:`denoise` returns; ``tuning``: what it learned of the noise, None if
-    it learned nothing."""
+    it learned nothing; ``weights``: f[T, J], 0 for spikes, None unless it looked for them."""
 
     motion: Motion
     tuning: MotionTuning | None
+    weights: Array | None
 
 
 def denoised(
@@ -184,16 +185,18 @@ def denoised(
     )
     kept = 1.0 - (room.fill(removed) if removed.ndim == 2 else removed)
     most = None if max_change is None else jnp.asarray(max_change, motion.dtype)
+    trusted = None
     if robust:
         weights = outlier_weights(motion, weights=weights)
+        trusted = room.cut(weights)
     if tune and lam is None and sigma is None:
         tuning, clean = _without_noise(motion, weights, kept, most, prior, method)
-        return Denoised(room.cut(clean), cut_tuning(room, tuning))
+        return Denoised(room.cut(clean), cut_tuning(room, tuning), trusted)
     given = (np.pi / 2, *(1.0 if value is None else value for value in (lam, sigma)))
     gamma, lam_c, sigma_c = (jnp.asarray(value, motion.dtype) for value in given)
     layers = layers_of(motion, weights, gamma, lam_c, sigma_c, method=method)
     kept = _kept(layers.residual, kept, most)
-    return Denoised(room.cut(_edited("denoise", layers, 1.0, kept, 1.0)), None)
+    return Denoised(room.cut(_edited("denoise", layers, 1.0, kept, 1.0)), None, trusted)
 
 
 @compiled

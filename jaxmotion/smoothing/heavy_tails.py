@@ -30,6 +30,7 @@ import numpy as np
 from jax.scipy.special import digamma
 from jaxtyping import Array, Bool, Float
 
+from jaxmotion.frames.runs import last_before, next_after
 from jaxmotion.smoothing.lgs import Posterior
 
 _LEAST, _MOST = 1.0, 100.0  # degrees of freedom
@@ -85,7 +86,7 @@ def settle(
     _, (_, rough) = evaluate(grid[0] * every, jnp.ones((frames, len(every)), every.dtype))
     told = _told(jnp.any(rough.readings > 0, axis=-1)) & (learnable > 0)
     channels = rough.mean.shape[-1]
-    bends = jnp.sum(jnp.diff(rough.mean, n=2, axis=0) ** 2, axis=-1)
+    bends = _squared_bends(rough)
     usual = jnp.nanmedian(jnp.where(told, bends, jnp.nan), axis=0)
     # Rounding of the data bends as well: what is usual is no less.
     rounding = (8 * float(jnp.finfo(bends.dtype).eps)) ** 2
@@ -115,9 +116,8 @@ def settle(
         )
 
         def learned():
-            bends = jnp.sum(jnp.diff(post.mean, n=2, axis=0) ** 2, axis=-1)
             loose = jnp.sum(jnp.broadcast_to(post.bend_variance, post.mean[2:].shape), axis=-1)
-            z = unit * jnp.exp(2 * search.s) * (bends / variance + loose)
+            z = unit * jnp.exp(2 * search.s) * (_squared_bends(post) / variance + loose)
             return _tails(z, tails.dof, told, channels)
 
         after = jax.lax.cond(on_grid, lambda: tails, learned)
@@ -138,9 +138,13 @@ def no_bends(learnable: Float[Array, " group"], frames: int) -> Tails:
 
 def _told(seen: Bool[Array, "frames group"]) -> Bool[Array, "bends group"]:
     """Which bends the data tell of: at a frame that is seen, between others that are."""
-    since = jax.lax.cummax(seen.astype(jnp.int32), axis=0) > 0
-    still = jax.lax.cummax(seen.astype(jnp.int32), axis=0, reverse=True) > 0
-    return since[:-2] & seen[1:-1] & still[2:]
+    since, until = last_before(seen) >= 0, next_after(seen) < len(seen)
+    return since[:-2] & seen[1:-1] & until[2:]
+
+
+def _squared_bends(post: Posterior) -> Float[Array, "bends group"]:
+    """‖x″‖² of the mean."""
+    return jnp.sum(jnp.diff(post.mean, n=2, axis=0) ** 2, axis=-1)
 
 
 def _tails(z: Array, dof: Array, told: Array, channels: int) -> Tails:

@@ -15,9 +15,9 @@ F is looked at a decade apart, and the two decades around the least are bisected
 dF/ds, exact by forward mode (one derivative serves all groups, as each depends on its own s only):
 one loop of 18 looks, O(N) each, so that the smoother is compiled once. With ``prior="student"``
 second differences have heavy tails, learned along with λ and σ (:mod:`.heavy_tails`): a stiffness
-by frame tells sudden moves from noise. The result is a constant: no
-gradient passes through ``tune`` (to tune by a loss of your own, differentiate the smoother with
-respect to λ and σ, and by frame to its ``stiffness`` and ``weights``).
+by frame tells sudden moves from noise. The result is a constant: no gradient passes through
+``tune`` (to tune by a loss of your own, differentiate the smoother with respect to λ and σ, and by
+frame to its ``stiffness`` and ``weights``).
 
 Craven & Wahba 1979 (GCV); Patterson & Thompson 1971 (restricted likelihood); Eom et al. 2019, §6.2
 names the choice of λ as future work.
@@ -151,13 +151,13 @@ def tune_clip(
     lam, sigma = turning.lam / share ** (3 - order), turning.sigma * share
     turning = replace(turning, lam=lam, sigma=sigma)
     moved = np.asarray(motion.translated_joints, int)
+    of_joints = jax.tree.map(jnp.ones_like, turning)
     if not moved.size:
-        return MotionTuning(turning, jax.tree.map(jnp.ones_like, turning))
+        return MotionTuning(turning, of_joints)
     if weights is not None and np.ndim(weights) > 1:
         weights = jnp.asarray(weights)[:, moved]
     moving = tune_signal(motion.translations[:, moved], weights=weights, **options)
     if per == "joint":
-        of_joints = jax.tree.map(jnp.ones_like, turning)
         moving = jax.tree.map(lambda all, x: all.at[..., moved].set(x), of_joints, moving)
     return MotionTuning(turning, moving)
 

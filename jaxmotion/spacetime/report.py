@@ -86,8 +86,7 @@ def report_of(
 def roomy(motion: Motion, contacts: Contacts, *given) -> tuple[Room, Motion, Contacts]:
     """Room for a clip and its contacts, and both in it; ``given``: what else may be traced."""
     room = room_for(motion, contacts, given)
-    filled = tuple(map(room.fill, over_time(contacts)))
-    return room, room.fill(motion), eqx.tree_at(over_time, contacts, filled)
+    return room, room.fill(motion), room.fill(contacts, over_time)
 
 
 def cut(room: Room, answer: Motion, report: Report) -> tuple[Motion, Report]:
@@ -96,4 +95,4 @@ def cut(room: Room, answer: Motion, report: Report) -> tuple[Motion, Report]:
     def by_frame(report):
         return report.position_error, report.penetration, report.limit_excess
 
-    return room.cut(answer), eqx.tree_at(by_frame, report, tuple(map(room.cut, by_frame(report))))
+    return room.cut(answer), room.cut(report, by_frame)
