@@ -1,10 +1,13 @@
 """What ``jm.denoise`` does to real captures, in one table.
 
-    python benchmarks/denoise_quality.py [--quick] [--verbose] [--json FILE] [--against FILE]
+    python benchmarks/denoise_quality.py [--quick] [--verbose] [--prior]
+                                         [--json FILE] [--against FILE]
 
 Captures: ``JAXMOTION_TEST_DATA``, else ``../shared/data`` beside the project: every second file of
 ``bandai/*.bvh`` sorted by name, all of ``cmu/*.amc`` and ``xia/*.bvh``; float64, cut at 2048
-frames; ``--quick`` takes every sixth of those. ``jm.denoise`` has its defaults throughout.
+frames; ``--quick`` takes every sixth of those. ``jm.denoise`` has its defaults throughout; with ``--prior``
+also what ``smoothing.motion_prior`` learned from the source's clips of other styles (``bandai``,
+``xia``; all files, not every second one) or of other performers (``cmu``), none of the clip's own.
 
 What is done to a clip, each from its own seed (``SEED``, the clip's name and the kind of noise):
 
@@ -33,6 +36,7 @@ over that of the JSON of a former run on the same clips or more.
 """
 
 import argparse
+import functools
 import json
 import os
 import time
@@ -48,6 +52,7 @@ from scipy.signal import butter, filtfilt
 from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
+from jaxmotion.smoothing import MotionPrior, motion_prior
 
 SEED = 7
 MOST_FRAMES = 2048
@@ -173,7 +178,24 @@ def near_sudden(q: np.ndarray) -> np.ndarray:
     return np.any([padded[k : k + len(q)] for k in range(2 * NEAR + 1)], axis=0)
 
 
-def measure(name: str, clip: jm.Motion) -> dict:
+def manner(path: Path) -> str:
+    """The style of a clip, or in ``cmu`` the performer."""
+    words = path.stem.split("_")
+    return words[1] if path.parent.name == "bandai" else words[0]
+
+
+@functools.cache
+def prior_without(folder: Path, pattern: str, left_out: str) -> MotionPrior:
+    """What a source's clips of any other manner teach."""
+    others = [path for path in sorted(folder.glob(pattern)) if manner(path) != left_out]
+    return motion_prior(read(path) for path in others)
+
+
+def read(path: Path) -> jm.Motion:
+    return jm.load(path, dtype=np.float64)[:MOST_FRAMES]
+
+
+def measure(name: str, clip: jm.Motion, prior: MotionPrior | str = "student") -> dict:
     """All that is measured on one clip, for JSON."""
     parents, joints = clip.skeleton.parents, clip.skeleton.names
     p, q = np.asarray(clip.translations), np.asarray(clip.rotations)
@@ -184,7 +206,7 @@ def measure(name: str, clip: jm.Motion) -> dict:
         return float(np.mean(np.linalg.norm(positions(parents, p, q) - truth, axis=-1)))
 
     def denoised(p, q):
-        found = jm.denoise(clip.with_transforms(p, q))
+        found = jm.denoise(clip.with_transforms(p, q), prior=prior)
         return np.asarray(found.translations), np.asarray(found.rotations)
 
     change = angles(denoised(p, q)[1], q)
@@ -350,6 +372,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="every sixth clip")
     parser.add_argument("--verbose", action="store_true", help="the clean clips changed most")
+    parser.add_argument("--prior", action="store_true", help="learned from clips of other manners")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures, by clip too")
     parser.add_argument(
         "--against", type=Path, metavar="FILE", help="JSON of a run to compare with"
@@ -370,7 +393,9 @@ def main():
     jax.config.update("jax_enable_x64", True)
     clips = {}
     for key, path in paths.items():
-        clips[key] = measure(key, jm.load(path, dtype=np.float64)[:MOST_FRAMES])
+        pattern = SOURCES[key.split("/")[0]][0]
+        prior = prior_without(folder, pattern, manner(path)) if options.prior else "student"
+        clips[key] = measure(key, read(path), prior)
     figures = table(clips)
     if (folder / DANCE).is_file():
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as fresh:

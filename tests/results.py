@@ -163,6 +163,7 @@ _MAKERS: dict[str, Callable[[], Any]] = {
     "Tuning": tuning,
     "MotionTuning": lambda: smoothing.MotionTuning(tuning(), tuning()),
     "KeySuggestions": lambda: smoothing.KeySuggestions(zeros(3, dtype=np.int32), zeros(3, FRAMES)),
+    "MotionPrior": lambda: smoothing.MotionPrior(("Hips", "Spine"), zeros(6, 6), 250),
     "Bridge": lambda: smoothing.bridges.Bridge("LeftFoot", 12, 13, 0.2, 45.0),
     "StreamingSmoother": smoother,
     "StreamState": lambda: as_returned(smoother().init, zeros(JOINTS, 3)),

@@ -4,6 +4,7 @@ import math
 import warnings
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -28,6 +29,21 @@ if TYPE_CHECKING:
 _NAMED = 5
 _SEEN = 0.05  # degrees; less is outside of the selection
 _POSITIVE = click.FloatRange(min=0, min_open=True)
+_PRIORS = ("student", "gaussian")
+
+
+class _Prior(click.ParamType):
+    """A prior's name, or the file that ``jaxmotion prior`` wrote."""
+
+    name = "prior"
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
+        return "[student|gaussian|FILE.npz]"
+
+    def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if value not in _PRIORS and not Path(value).is_file():
+            self.fail(f"{value!r} is neither {' nor '.join(_PRIORS)} nor a file", param, ctx)
+        return value
 
 
 @click.command(short_help="Remove the noise of the capture.")
@@ -47,8 +63,9 @@ _POSITIVE = click.FloatRange(min=0, min_open=True)
 )
 @click.option(
     "--prior",
-    type=click.Choice(["student", "gaussian"]),
-    help="Leave sudden moves as they are, or smooth them with all else, as the paper does.  "
+    type=_Prior(),
+    help="Leave sudden moves as they are, or smooth them with all else, as the paper does; or "
+    "smooth joints together, as the file that jaxmotion prior wrote says they turn.  "
     "[default: student]",
 )
 @click.option(
@@ -84,6 +101,7 @@ def command(
     jaxmotion denoise takes -o clean --jobs 4 --report report.html
     jaxmotion denoise take.bvh -o clean.bvh --robust
     jaxmotion denoise take.bvh -o clean.bvh --joints 'Left*' --range 120:480
+    jaxmotion denoise takes -o clean --prior walkers.npz
     """
     from jaxmotion.cli._batch import edit_files
 
@@ -102,7 +120,11 @@ def edit(motion: "Motion", length: int, *, options: dict[str, Any], selection: S
     """The library's denoiser on a padded clip; what is not given is left to it. Tells what it
     bridged."""
     from jaxmotion.layers.synthesize import denoised
+    from jaxmotion.smoothing import MotionPrior
 
+    prior = options.get("prior", "student")
+    if prior not in _PRIORS:
+        options = options | {"prior": MotionPrior.load(prior)}
     found = denoised(motion, length=length, **options)
     rows = ()
     if found.weights is not None:

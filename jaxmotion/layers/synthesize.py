@@ -33,8 +33,9 @@ from jaxmotion.layers.decompose import (
 )
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
-from jaxmotion.smoothing import MotionTuning, outlier_weights
+from jaxmotion.smoothing import MotionPrior, MotionTuning, outlier_weights
 from jaxmotion.smoothing.lgs import check_positive
+from jaxmotion.smoothing.together import smoothed_together
 from jaxmotion.smoothing.tuning import Prior
 
 
@@ -112,7 +113,7 @@ def denoise(
     strength: ArrayLike = 1.0,
     max_change: ScalarLike | None = None,
     method: Literal["chordal", "geodesic"] = "chordal",
-    prior: Prior = "student",
+    prior: Prior | MotionPrior = "student",
     robust: bool = False,
     weights: ArrayLike | None = None,
     length: ScalarLike | None = None,
@@ -130,9 +131,11 @@ def denoise(
     0 for none, a scalar, f[J] or f[T, J]; ``max_change``: radians by which no joint is turned more,
     whatever was learned (of its noise less is removed there); ``method``: as :func:`decompose`;
     ``prior``: what is learned of second differences: "student", heavy tails that tell sudden moves
-    from noise, or "gaussian", the paper's (:func:`~jaxmotion.smoothing.tune`); ``robust``: find
-    spikes first and bridge them (``weights=smoothing.outlier_weights(motion)`` does the same, and
-    ``smoothing.bridged`` lists what was bridged); ``weights``, ``length``: as :func:`decompose`.
+    from noise, or "gaussian", the paper's (:func:`~jaxmotion.smoothing.tune`); or what clean clips
+    of the same joints tell of how they turn together (:func:`~jaxmotion.smoothing.motion_prior`),
+    for rotations, with heavy tails; ``robust``: find spikes first and bridge them
+    (``weights=smoothing.outlier_weights(motion)`` does the same, and ``smoothing.bridged`` lists
+    what was bridged); ``weights``, ``length``: as :func:`decompose`.
     **Returns:** a motion of the same shape.
     **Raises:** as :func:`decompose` and :func:`synthesize`.
 
@@ -167,15 +170,16 @@ def denoised(
     strength: ArrayLike = 1.0,
     max_change: ScalarLike | None = None,
     method: Literal["chordal", "geodesic"] = "chordal",
-    prior: Prior = "student",
+    prior: Prior | MotionPrior = "student",
     robust: bool = False,
     weights: ArrayLike | None = None,
     length: ScalarLike | None = None,
 ) -> Denoised:
     """:func:`denoise`, and what it learned; arguments and errors as there."""
     check_method(method, "denoise")
-    one_of("denoise: prior", prior, ("student", "gaussian"))
     motion, weights = checked_weights(motion, weights, length, "denoise")
+    learning = tune and lam is None and sigma is None
+    prior, together = _prior_of(motion, prior, learning)
     for name, value in (("lam", lam), ("sigma", sigma), ("max_change", max_change)):
         if value is not None:
             check_positive(f"denoise: {name}", value)
@@ -189,8 +193,8 @@ def denoised(
     if robust:
         weights = outlier_weights(motion, weights=weights)
         trusted = room.cut(weights)
-    if tune and lam is None and sigma is None:
-        tuning, clean = _without_noise(motion, weights, kept, most, prior, method)
+    if learning:
+        tuning, clean = _without_noise(motion, weights, kept, most, together, prior, method)
         return Denoised(room.cut(clean), cut_tuning(room, tuning), trusted)
     given = (np.pi / 2, *(1.0 if value is None else value for value in (lam, sigma)))
     gamma, lam_c, sigma_c = (jnp.asarray(value, motion.dtype) for value in given)
@@ -199,18 +203,35 @@ def denoised(
     return Denoised(room.cut(_edited("denoise", layers, 1.0, kept, 1.0)), None, trusted)
 
 
+def _prior_of(
+    motion: Motion, prior: Prior | MotionPrior, learning: bool
+) -> tuple[Prior, Array | None]:
+    """What is said of second differences, and how the motion's joints turn together."""
+    if not isinstance(prior, MotionPrior):
+        one_of("denoise: prior", prior, ("student", "gaussian"))
+        return prior, None
+    if not learning:
+        raise ValueError(
+            "denoise: a MotionPrior is for what is learned; leave out tune=False, lam= and sigma="
+        )
+    return "student", jnp.asarray(prior.of(motion.skeleton), motion.dtype)
+
+
 @compiled
 def _without_noise(
     motion: Motion,
     weights: Array | None,
     kept: Array,
     most: Array | None,
+    together: Array | None,
     prior: Prior,
     method: Literal["chordal", "geodesic"],
 ) -> tuple[MotionTuning, Motion]:
     """What is learned, and the tuned layers' base ⊕ control ⊕ a share of the residual, for which no
     base is needed."""
     tuning, clean = without_noise(motion, "evidence", 2, prior, weights, method)
+    if together is not None:
+        clean = smoothed_together(motion, clean, tuning.rotations.sigma, together, weights)
     noise = minus(motion, clean)
     return tuning, plus(clean, noise.scale(_kept(noise, kept, most)))
 

@@ -11,6 +11,7 @@ from jaxmotion._lazy import loader
 from jaxmotion.smoothing.bridges import Bridge, bridged
 from jaxmotion.smoothing.keys import KeySuggestions, suggest_keys
 from jaxmotion.smoothing.lgs import Posterior, lgs
+from jaxmotion.smoothing.motion_prior import MotionPrior, motion_prior
 from jaxmotion.smoothing.outliers import outlier_weights
 from jaxmotion.smoothing.rotations import smooth_motion, smooth_quaternions
 from jaxmotion.smoothing.streaming import StreamingSmoother, StreamState
@@ -28,6 +29,7 @@ __all__ = [
     "Bridge",
     "GeodesicPosterior",
     "KeySuggestions",
+    "MotionPrior",
     "MotionTuning",
     "Posterior",
     "StreamState",
@@ -36,6 +38,7 @@ __all__ = [
     "bridged",
     "geodesic",
     "lgs",
+    "motion_prior",
     "outlier_weights",
     "smooth_motion",
     "smooth_quaternions",

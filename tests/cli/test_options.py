@@ -10,6 +10,7 @@ from jaxmotion.cli._app import app
 from jaxmotion.cli._joining import Joining
 from jaxmotion.cli._options import Batch, FrameRange, Gain, Reading, Running, Selection
 from jaxmotion.io.bvh import save_bvh
+from jaxmotion.smoothing import motion_prior
 
 
 @pytest.mark.parametrize(
@@ -101,6 +102,7 @@ CALLS = {
         ),
         set(),
     ),
+    "prior": ((motion_prior,), set()),
     "retime": (
         (layers.time_warp, timing.resample),
         {"to-fps", "ease-in", "ease-out", "keep-duration"},
