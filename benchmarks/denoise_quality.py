@@ -5,9 +5,9 @@
 
 Captures: ``JAXMOTION_TEST_DATA``, else ``../shared/data`` beside the project: every second file of
 ``bandai/*.bvh`` sorted by name, all of ``cmu/*.amc`` and ``xia/*.bvh``; float64, cut at 2048
-frames; ``--quick`` takes every sixth of those. ``jm.denoise`` has its defaults throughout; with ``--prior``
-also what ``smoothing.motion_prior`` learned from the source's clips of other styles (``bandai``,
-``xia``; all files, not every second one) or of other performers (``cmu``), none of the clip's own.
+frames; ``--quick`` takes every sixth of those. ``jm.denoise`` has its defaults throughout; with
+``--prior`` also what ``smoothing.motion_prior`` learned from all files of the source of other
+styles (``bandai``, ``xia``) or performers (``cmu``), none of the clip's own.
 
 What is done to a clip, each from its own seed (``SEED``, the clip's name and the kind of noise):
 

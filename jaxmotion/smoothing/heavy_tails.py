@@ -18,6 +18,15 @@ it: begun with u = 1, a flick would be called noise and stay so. Then every look
 evidence takes a step of s, halved where the slope turns round, and u and ν are learned from that
 look's smoother. One loop, O(N) a look.
 
+One capture made the noise of all joints. Where the grid's σ² of the groups lie close together, each
+is told what the others found, as n₀ more data of their median variance σ₀²:
+
+    J + n₀σ₀²  for J  and  n + n₀  for n,    n₀ = 2/v ≤ n      v the variance of log σ²
+
+(an inverse gamma prior; v from the quartiles, so that a few groups unlike the others do not count).
+A joint that moves sharply, whose own data tell little of its noise, has the noise of the others,
+and one whose data tell of another keeps it; where every joint has its own, v is large and n₀ small.
+
 Tipping & Lawrence 2005 (variational Student's t); Lange, Little & Taylor 1989 (its degrees).
 """
 
@@ -37,6 +46,8 @@ _LEAST, _MOST = 1.0, 100.0  # degrees of freedom
 _DOF = 2.0  # to begin with
 _HALVINGS = 12
 _STEPS = 14
+_FEW = 4  # groups that can tell each other anything
+_QUARTILES = 1.349  # how far apart they are for a Gaussian of deviation 1
 _FIRST, _LONGER, _SHORTER = 0.7, 1.2, 0.5  # steps of s
 
 
@@ -45,6 +56,13 @@ class Look(NamedTuple):
 
     s: Float[Array, " group"]
     score: Float[Array, " group"]
+    variance: Float[Array, " group"]
+
+
+class Told(NamedTuple):
+    """What the groups tell each other: f[G] each, n₀ and σ₀² of the module."""
+
+    count: Float[Array, " group"]
     variance: Float[Array, " group"]
 
 
@@ -59,49 +77,56 @@ class Tails(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """f[G] each: the s to look at, the least F of the grid and its s, the step of s, its sense."""
+    """f[G] each: the s to look at; the least F of the grid, its s and its σ²; the step of s, its
+    sense."""
 
     s: Array
     least: Array
     best: Array
+    variance: Array
     step: Array
     sense: Array
 
 
 def settle(
-    evaluate: Callable[[Array, Array], tuple[Array, tuple[Array, Posterior]]],
+    evaluate: Callable[[Array, Array, Told], tuple[Array, tuple[Array, Posterior]]],
     learnable: Float[Array, " group"],
+    free: Float[Array, " group"],
     grid: Float[Array, " look"],
     frames: int,
     unit: float,
+    share: bool,
 ) -> tuple[Look, Tails]:
     """s and the tails of every group, learned together.
 
-    **Arguments:** ``evaluate``: (s, stiffness) to F, and to σ² and the smoother of data f[Nd, G, C]
-    for a σ of 1; ``learnable``: 1 for groups that say something, 0 for those that get s = 0;
-    ``grid``: of s, where to look first; ``frames``: Nf, three or more; ``unit``: the square that
-    the prior's rows (1, -2, 1) are scaled by.
+    **Arguments:** ``evaluate``: (s, stiffness, what groups are told) to F, and to σ² and the
+    smoother of data f[Nd, G, C] for a σ of 1; ``learnable``: 1 for groups that say something, 0 for
+    those that get s = 0; ``free``: n of every group; ``grid``: of s, where to look first;
+    ``frames``: Nf, three or more; ``unit``: the square that the prior's rows (1, -2, 1) are scaled
+    by; ``share``: whether groups tell each other of their noise.
     """
     every = jnp.ones_like(learnable)
-    _, (_, rough) = evaluate(grid[0] * every, jnp.ones((frames, len(every)), every.dtype))
-    told = _told(jnp.any(rough.readings > 0, axis=-1)) & (learnable > 0)
+    nothing = Told(0 * every, every)
+    _, (_, rough) = evaluate(grid[0] * every, jnp.ones((frames, len(every)), every.dtype), nothing)
+    known = _told(jnp.any(rough.readings > 0, axis=-1)) & (learnable > 0)
     channels = rough.mean.shape[-1]
     bends = _squared_bends(rough)
-    usual = jnp.nanmedian(jnp.where(told, bends, jnp.nan), axis=0)
+    usual = jnp.nanmedian(jnp.where(known, bends, jnp.nan), axis=0)
     # Rounding of the data bends as well: what is usual is no less.
     rounding = (8 * float(jnp.finfo(bends.dtype).eps)) ** 2
     usual = jnp.maximum(usual, rounding * jnp.max(jnp.sum(rough.mean**2, axis=-1), axis=0))
-    z = channels * bends / jnp.where(told, usual, 1)
-    first = _tails(z, _DOF * every, told, channels)
+    z = channels * bends / jnp.where(known, usual, 1)
+    first = _tails(z, _DOF * every, known, channels)
 
     def look(state, k):
-        search, tails = state
+        search, tails, told = state
         on_grid = k < len(grid)
         score, slope, (variance, post) = jax.jvp(
-            lambda s: evaluate(s, tails.stiffness), (search.s,), (every,), has_aux=True
+            lambda s: evaluate(s, tails.stiffness, told), (search.s,), (every,), has_aux=True
         )
         better = on_grid & (score < search.least)
         best = jnp.where(better, search.s, search.best)
+        of_best = jnp.where(better, variance, search.variance)
         sense = jnp.where(slope < 0, every, -every)
         longer = jnp.where(sense * search.sense < 0, _SHORTER, _LONGER)
         step = search.step * jnp.where(on_grid, 1, longer)
@@ -111,6 +136,7 @@ def settle(
             learnable * jnp.where(on_grid, along, ahead),
             jnp.where(better, score, search.least),
             best,
+            of_best,
             step,
             jnp.where(on_grid, 0, sense),
         )
@@ -118,15 +144,29 @@ def settle(
         def learned():
             loose = jnp.sum(jnp.broadcast_to(post.bend_variance, post.mean[2:].shape), axis=-1)
             z = unit * jnp.exp(2 * search.s) * (_squared_bends(post) / variance + loose)
-            return _tails(z, tails.dof, told, channels)
+            return _tails(z, tails.dof, known, channels)
 
         after = jax.lax.cond(on_grid, lambda: tails, learned)
-        return (nearby, after), (Look(search.s, score, variance), tails)
+        if share:
+            shared = _told_by_all(of_best, learnable, free)
+            told = jax.tree.map(lambda a, b: jnp.where(k == len(grid) - 1, a, b), shared, told)
+        return (nearby, after, told), (Look(search.s, score, variance), tails)
 
-    start = _Search(learnable * grid[0], jnp.inf * every, 0 * every, _FIRST * every, 0 * every)
+    nought = 0 * every
+    start = _Search(learnable * grid[0], jnp.inf * every, nought, every, _FIRST * every, nought)
     looks = jnp.arange(len(grid) + _STEPS)
-    _, found = jax.lax.scan(look, (start, first), looks)
+    _, found = jax.lax.scan(look, (start, first, nothing), looks)
     return jax.tree.map(lambda x: x[-1], found)
+
+
+def _told_by_all(variance: Array, learnable: Array, free: Array) -> Told:
+    """What all groups that say something say together; nothing where they are fewer than four."""
+    logs = jnp.where(learnable > 0, jnp.log(variance), jnp.nan)
+    low, middle, high = jnp.nanquantile(logs, jnp.asarray([0.25, 0.5, 0.75], logs.dtype))
+    spread = jnp.maximum((high - low) / _QUARTILES, float(jnp.finfo(logs.dtype).eps))
+    enough = jnp.sum(learnable) >= _FEW
+    count = jnp.where(enough, jnp.minimum(2 / spread**2, free), 0)
+    return Told(count, jnp.where(enough, jnp.exp(middle), 1) * jnp.ones_like(free))
 
 
 def no_bends(learnable: Float[Array, " group"], frames: int) -> Tails:

@@ -74,7 +74,7 @@ def smoothed_together(
     along = _directions(covariance * scale[:, None] * scale, bends)
     y = unrolled(path + noise) @ along
     middle = seen @ y / jnp.sum(seen)  # rounding is of what is left
-    learned = tune_signal(y - middle, weights=seen, prior="student")
+    learned = tune_signal(y - middle, weights=seen, prior="student", share=True)
     firm = learned.stiffness
     x = middle + lgs(y - middle, learned.lam, learned.sigma, stiffness=firm, weights=seen).mean
     turn = (x @ along.T).reshape(frames, joints, 3) * unit - path

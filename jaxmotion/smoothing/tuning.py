@@ -42,7 +42,7 @@ from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
 from jaxmotion.smoothing.design import check_known
-from jaxmotion.smoothing.heavy_tails import Look, Tails, no_bends, settle
+from jaxmotion.smoothing.heavy_tails import Look, Tails, Told, no_bends, settle
 from jaxmotion.smoothing.lgs import Posterior, lgs
 
 Criterion: TypeAlias = Literal["evidence", "gcv", "holdout"]
@@ -115,7 +115,8 @@ def tune(
     joint) or "channel" (not of a motion); ``index``, ``num_frames``, ``weights``, ``order``,
     ``scale``: as :func:`~jaxmotion.smoothing.lgs`; ``prior``: second differences are "gaussian", as
     in the paper, or "student": sudden moves are told from noise (:mod:`.heavy_tails`), by evidence
-    and for order 2.
+    and for order 2; the joints of a motion then tell each other of their noise, rotations and
+    translations apart, as far as they agree.
     **Returns:** :class:`Tuning`, or for a motion :class:`MotionTuning`, ready for
     :func:`smooth_quaternions` and :func:`smooth_motion`.
     **Raises:** ``ValueError`` for unknown options; as :func:`~jaxmotion.smoothing.lgs` for bad
@@ -145,7 +146,7 @@ def tune_clip(
     options |= {"per": per, "index": index, "order": order}
     weights = None if weights is None else jnp.asarray(weights, motion.dtype)
     components = to_components(motion.rotations, weights, index)
-    turning = tune_signal(components, weights=weights, **options)
+    turning = tune_signal(components, weights=weights, share=True, **options)
     # Noise leaves a quaternion's length as it is, so that one of its four components has none.
     share = math.sqrt(4 / 3)
     lam, sigma = turning.lam / share ** (3 - order), turning.sigma * share
@@ -156,7 +157,7 @@ def tune_clip(
         return MotionTuning(turning, of_joints)
     if weights is not None and np.ndim(weights) > 1:
         weights = jnp.asarray(weights)[:, moved]
-    moving = tune_signal(motion.translations[:, moved], weights=weights, **options)
+    moving = tune_signal(motion.translations[:, moved], weights=weights, share=True, **options)
     if per == "joint":
         moving = jax.tree.map(lambda all, x: all.at[..., moved].set(x), of_joints, moving)
     return MotionTuning(turning, moving)
@@ -173,8 +174,10 @@ def tune_signal(
     order: Literal[1, 2] = 2,
     scale: Literal["half", "unit"] = "half",
     prior: Prior = "gaussian",
+    share: bool = False,
 ) -> Tuning:
-    """:func:`tune` for a signal f[Nd, *channels], with its options."""
+    """:func:`tune` for a signal f[Nd, *channels], with its options; ``share``: with "student",
+    whether the groups have a noise of one source (:mod:`.heavy_tails`)."""
     one_of("tune: criterion", criterion, ("evidence", "gcv", "holdout"))
     one_of("tune: per", per, ("clip", "joint", "channel"))
     one_of("tune: prior", prior, ("gaussian", "student"))
@@ -188,12 +191,14 @@ def tune_signal(
     if weights is not None and weights.ndim > 1:
         spread = weights.reshape(weights.shape + (1,) * (y.ndim - weights.ndim))
         weights = jnp.broadcast_to(spread, y.shape).reshape(grouped.shape)
-    found = _tune(grouped, weights, index, criterion, num_frames, order, scale, prior)
+    found = _tune(grouped, weights, index, criterion, num_frames, order, scale, prior, share)
     return jax.tree.map(lambda x: x.reshape(*x.shape[:-1], *kept), found)
 
 
 @eqx.filter_jit
-def _tune(y, weights, index, criterion: str, num_frames, order, scale, prior: str) -> Tuning:
+def _tune(
+    y, weights, index, criterion: str, num_frames, order, scale, prior: str, share: bool
+) -> Tuning:
     """``y`` f[Nd, G, C]; one pair for each of the G groups."""
     y, weights = jax.lax.stop_gradient((y, weights))
     base = jnp.ones((y.shape[0], 1, 1), y.dtype)
@@ -222,14 +227,16 @@ def _tune(y, weights, index, criterion: str, num_frames, order, scale, prior: st
             scale=scale,
         )
 
-    def evaluate(s, stiffness=None):
+    def evaluate(s, stiffness=None, told: Told | None = None):
         """F of every group; σ² and the smoother."""
         post = smooth(s, weights, stiffness)
         if criterion == "evidence":
             energy = jnp.sum(post.energy, axis=1)
             rest = -2 * jnp.sum(post.log_evidence, axis=1) - energy
-            energy = energy + floor
-            return free * jnp.log(energy) + rest, (energy / jnp.maximum(free, 1), post)
+            energy, data = energy + floor, free
+            if told is not None:
+                energy, data = energy + told.count * told.variance, free + told.count
+            return data * jnp.log(energy) + rest, (energy / jnp.maximum(data, 1), post)
         rss = floor + jnp.sum(base * present * (y - post.fitted) ** 2, axis=(0, 2))
         trace = jnp.sum(jnp.broadcast_to(post.leverage, y.shape) * present, axis=(0, 2))
         degrees = jnp.clip(count - trace, min=jnp.finfo(y.dtype).eps * count)
@@ -241,7 +248,8 @@ def _tune(y, weights, index, criterion: str, num_frames, order, scale, prior: st
     tails, frames = Tails(None, None), y.shape[0] if num_frames is None else num_frames
     if prior == "student" and frames > 2:
         unit = 0.25 if scale == "half" else 1.0
-        look, tails = settle(evaluate, learnable, jnp.asarray(_GRID, y.dtype), frames, unit)
+        grid = jnp.asarray(_GRID, y.dtype)
+        look, tails = settle(evaluate, learnable, free, grid, frames, unit, share)
     else:
         look = _bisected(evaluate, learnable)
         tails = no_bends(learnable, frames) if prior == "student" else tails

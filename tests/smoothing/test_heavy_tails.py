@@ -14,6 +14,8 @@ from scipy.special import digamma
 
 import jaxmotion as jm
 from jaxmotion.smoothing import heavy_tails, lgs, tune
+from jaxmotion.smoothing.heavy_tails import _told_by_all
+from jaxmotion.smoothing.tuning import tune_signal
 from tests.helpers import no_shape_checks
 
 FRAMES, GROUPS, CHANNELS = 48, 3, 2
@@ -224,3 +226,46 @@ def test_motions_have_both_kinds():
     moved = np.isin(np.arange(22), noisy.translated_joints)
     assert (np.asarray(found.translations.stiffness)[:, ~moved] == 1).all()
     assert (np.asarray(found.translations.stiffness)[1:-1, moved] != 1).all()
+
+
+def one_capture(noise, frames=120, groups=7):
+    """Curves with noise; the first group's bends are larger than what noise makes of them."""
+    rng = np.random.default_rng(1)
+    t = np.arange(frames)[:, None, None]
+    y = np.sin(t / rng.uniform(6, 20, (1, groups, CHANNELS)))
+    y = y + np.asarray(noise)[:, None] * rng.standard_normal(y.shape)
+    bends = 0.3 * rng.standard_t(2, (frames, CHANNELS))
+    y[:, 0] += np.cumsum(np.cumsum(bends, axis=0), axis=0)
+    return y
+
+
+def test_groups_tell_each_other_of_their_noise():
+    shared = functools.partial(tune_signal, prior="student", share=True)
+    y = one_capture(np.full(7, 0.05))
+    alone, together = tune_signal(y, prior="student"), shared(y)
+    assert alone.sigma[0] < 0.005  # what this is for
+    np.testing.assert_allclose(together.sigma, 0.05, rtol=0.3)
+    # One whose data tell of another noise keeps it, ...
+    noise = np.full(7, 0.05)
+    noise[3] = 0.4
+    np.testing.assert_allclose(shared(one_capture(noise)).sigma[1:], noise[1:], rtol=0.3)
+    # ... and where each has its own, they tell each other next to nothing.
+    noise = 0.001 * 4.0 ** np.arange(7)
+    y = one_capture(noise)
+    alone, together = tune_signal(y, prior="student"), shared(y)
+    np.testing.assert_allclose(together.sigma[2:], alone.sigma[2:], rtol=0.05)
+
+
+def test_what_groups_are_told():
+    rng = np.random.default_rng(4)
+    variance, free = np.exp(rng.normal(-5, 0.3, 9)), np.full(9, 500.0)
+    learnable = np.where(np.arange(9) == 2, 0.0, 1.0)
+    count, told = _told_by_all(*map(jnp.asarray, (variance, learnable, free)))
+    logs = np.log(np.delete(variance, 2))
+    low, high = np.quantile(logs, [0.25, 0.75])
+    np.testing.assert_allclose(count, 2 * (1.349 / (high - low)) ** 2)
+    np.testing.assert_allclose(told, np.exp(np.median(logs)))
+    # No more than a group's own data; and three groups are none to ask.
+    assert (_told_by_all(jnp.full(9, 0.1), jnp.ones(9), jnp.asarray(free)).count == free).all()
+    few = jnp.asarray(np.where(np.arange(9) < 3, 1.0, 0.0))
+    assert (_told_by_all(jnp.asarray(variance), few, jnp.asarray(free)).count == 0).all()
