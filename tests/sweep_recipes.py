@@ -459,6 +459,7 @@ EXCEPTIONS = {
     "kinematics.mirrored_pairs": "pairs of numbers, from names alone",
     "samples.names": "a list of names",
     "smoothing.bridged": "a list about concrete clips, in NumPy",
+    "smoothing.removed": "a list about concrete clips, in NumPy",
     "viz.plot_alignment": "a picture",
     "viz.plot_contacts": "a picture",
 }

@@ -12,6 +12,7 @@ from jaxmotion.smoothing.bridges import Bridge, bridged
 from jaxmotion.smoothing.keys import KeySuggestions, suggest_keys
 from jaxmotion.smoothing.lgs import Posterior, lgs
 from jaxmotion.smoothing.outliers import outlier_weights
+from jaxmotion.smoothing.removal import Removal, removed
 from jaxmotion.smoothing.rotations import smooth_motion, smooth_quaternions
 from jaxmotion.smoothing.streaming import StreamingSmoother, StreamState
 from jaxmotion.smoothing.tuning import MotionTuning, Tuning, tune
@@ -30,6 +31,7 @@ __all__ = [
     "KeySuggestions",
     "MotionTuning",
     "Posterior",
+    "Removal",
     "StreamState",
     "StreamingSmoother",
     "Tuning",
@@ -37,6 +39,7 @@ __all__ = [
     "geodesic",
     "lgs",
     "outlier_weights",
+    "removed",
     "smooth_motion",
     "smooth_quaternions",
     "suggest_keys",
