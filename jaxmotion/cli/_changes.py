@@ -57,7 +57,8 @@ def in_brief(rows: Sequence[dict[str, Any]]) -> str:
 def _most(row: dict[str, Any]) -> str:
     noise = "" if row["noise"] is None else f"noise {row['noise']:.2g}°, "
     place = f"{row['joint']} by {row['degrees']:.3g}° at frame {row['frame']}"
-    return f"{place} ({noise}{100 * row['share']:.2g} % of variance)"
+    share = min(100 * row["share"], 99)
+    return f"{place} ({noise}{share:.2g} % of variance)"
 
 
 def _odd(row: dict[str, Any]) -> str:

@@ -29,7 +29,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from jaxmotion._checks import instance_of
-from jaxmotion._entry import check_result
+from jaxmotion._entry import check_result, not_finite
 from jaxmotion._numerics import rounding_angle
 from jaxmotion._summary import brief, called, line
 from jaxmotion._types import AnyArray
@@ -64,8 +64,8 @@ class Removal(NamedTuple):
     0 to 1; ``correlation``: of one frame's with the next one's, 0 or less for white noise, 1 for
     what lasts; ``lean``: how one-sided it is, 0 as much one way as the other, 1 all one way;
     ``contact``: how many times as much, by mean square, while something touches at the joint or
-    below it, None where nothing ever or always does, and without contacts; ``stands_out``: the
-    names of the last three that white noise does not have.
+    below it, None where nothing ever or always does, and without contacts; ``stands_out``: which
+    of the last three are not those of white noise, by name.
     """
 
     joint: str
@@ -103,18 +103,22 @@ def removed(
     """List what was removed of the rotations, joint by joint, and what of it is no white noise.
 
     A correlation or a lean stands out above 0.1 and above three standard errors of white noise; a
-    contact above 2, or below ½, by three of its logarithm. So may noise be that has a colour of its
-    own, a movement that was taken for noise, and an error that comes with contacts.
+    contact above 2 or below ½, if also by three of its logarithm. Such is noise with a colour of
+    its own, a movement that was taken for noise, an error that comes with contacts.
 
-    **Arguments:** ``motion``: one clip, as it was; ``result``: as it is now; ``contacts``:
-    :class:`~jaxmotion.contacts.Contacts` of it, whose joints and all above them are in contact.
+    **Arguments:** ``motion``: one clip, as it was; frames that are not finite were missing, and do
+    not count; ``result``: as it is now; ``contacts``: :class:`~jaxmotion.contacts.Contacts` of it,
+    whose joints and all above them are in contact.
     **Returns:** a :class:`Removal` a joint that was turned by more than rounding, the one turned
     furthest first.
-    **Raises:** ``ValueError`` for what are no two clips of one shape, and no contacts of them;
-    ``TypeError`` inside ``jit``.
+    **Raises:** ``ValueError`` for what are no two clips of one shape, a result that is not finite,
+    and contacts of another clip; ``TypeError`` inside ``jit``.
     """
     check_result("removed", motion, result, contacts)
     before, after = (np.asarray(m.rotations, np.float64) for m in (motion, result))
+    if odd := not_finite(motion.skeleton.names, "rotations", after):
+        raise ValueError(f"removed: result.{odd}; expected finite numbers")
+    before = np.where(np.isfinite(before).all(axis=-1, keepdims=True), before, after)
     v = _vectors(after, before)
     touches = {} if contacts is None else _touches(motion, contacts)
     spread = np.sum(_vectors(_means(before), before) ** 2, axis=(0, 2))
@@ -170,24 +174,17 @@ def _removal(
     """The row of a joint; ``v``: f[T, 3], some of which ``changed``; ``spread``: Σ of the squared
     angles from its mean."""
     squares = np.sum(v * v, axis=-1)
-    total, n = np.sum(squares), np.sum(changed)
+    total, n = np.sum(squares), int(np.sum(changed))
     frame = int(np.argmax(squares))
-    c = [np.sum(v[k:] * v[:-k]) / total for k in (1, 2)]
-    covariance = v.T @ v
+    correlation, correlation_error = _correlation(v, n)
     lean = np.linalg.norm(np.sqrt(squares) @ v) / total
-    figures = {
-        "correlation": (
-            c[0] - min(c[1], 0),
-            np.sqrt((1 + (c[1] < 0)) * np.sum(covariance**2) / n) / np.trace(covariance),
-        ),
-        "lean": (lean, np.sqrt(np.sum(squares**2)) / total),
+    lean_error = np.sqrt(np.sum(squares**2)) / total
+    contact, contact_error = _contact(squares, changed, touches)
+    apart = {
+        "correlation": correlation > max(_CLEAR, _ERRORS * correlation_error),
+        "lean": lean > max(_CLEAR, _ERRORS * lean_error),
+        "contact": abs(np.log(contact or 1)) > max(np.log(_TIMES), _ERRORS * contact_error),
     }
-    stands_out = [name for name, (x, error) in figures.items() if x > max(_CLEAR, _ERRORS * error)]
-    contact = None
-    if touches is not None:
-        contact, error = _contact(squares[changed], touches[changed])
-        if contact is not None and abs(np.log(contact)) > max(np.log(_TIMES), _ERRORS * error):
-            stands_out.append("contact")
     return Removal(
         joint=motion.skeleton.names[joint],
         degrees=float(np.degrees(np.sqrt(squares[frame]))),
@@ -195,18 +192,29 @@ def _removal(
         seconds=float(frame * np.asarray(motion.frame_time)),
         typical=float(np.degrees(np.sqrt(total / n))),
         share=float(total / max(spread, total)),
-        correlation=float(figures["correlation"][0]),
+        correlation=float(correlation),
         lean=float(lean),
         contact=contact,
-        stands_out=tuple(stands_out),
+        stands_out=tuple(name for name, is_apart in apart.items() if is_apart),
     )
 
 
-def _contact(squares: np.ndarray, touches: np.ndarray) -> tuple[float | None, float]:
+def _correlation(v: np.ndarray, n: int) -> tuple[float, float]:
+    """c₁ − min(c₂, 0), and its error."""
+    scatter = v.T @ v
+    total = np.trace(scatter)
+    c1, c2 = (np.sum(v[k:] * v[:-k]) / total for k in (1, 2))
+    error = np.sqrt((2 if c2 < 0 else 1) * np.sum(scatter**2) / n) / total
+    return c1 - min(c2, 0), error
+
+
+def _contact(
+    squares: np.ndarray, changed: np.ndarray, touches: np.ndarray | None
+) -> tuple[float | None, float]:
     """How many times larger the mean square is in contact, and the error of its logarithm."""
-    inside, outside = squares[touches], squares[~touches]
-    if not len(inside) or not len(outside):
+    if touches is None or not (changed & touches).any() or not (changed & ~touches).any():
         return None, 0.0
-    deviation = np.std(squares) / np.mean(squares)
+    inside, outside = squares[changed & touches], squares[changed & ~touches]
+    deviation = np.std(squares[changed]) / np.mean(squares[changed])
     error = deviation * np.sqrt(1 / len(inside) + 1 / len(outside))
     return float(np.mean(inside) / np.mean(outside)), float(error)

@@ -29,6 +29,7 @@ def test_what_is_told():
     assert in_brief([]) == in_brief([row("Toe", 0.49, "lean")]) == ""
     first = "turned most: Toe by 3.22° at frame 374 (noise 0.41°, 2.1 % of variance)"
     assert in_brief([toe]) == first
+    assert "(noise 0.41°, 99 % of variance)" in in_brief([toe | {"share": 0.998}])
     others = [hand, *(row(name, 1.0) for name in "ABC")]
     told = in_brief([toe, *others])
     assert told.startswith(f"{first}, Hand by 2° at frame 374 (2.1 % of variance), A by")
@@ -59,7 +60,7 @@ def test_rows_are_of_the_frames_that_count(monkeypatch):
     rotations[:, 3] = motion.rotations[:, 3]  # as it was
     rotations[length:] = [1, 0, 0, 0]
     clean = clean.with_transforms(rotations=rotations)
-    mask = np.arange(motion.num_frames)[:, None] % 8 < 4
+    mask = np.arange(motion.num_frames)[:, None] % 7 < 3
     touching = Touching(mask, (2,))
     monkeypatch.setattr(_feet, "find_feet", lambda motion, length: touching)
     sigma = np.radians([0.5, 1.0, 1.5, 2.0]) / 2

@@ -125,6 +125,25 @@ def test_what_a_smoother_takes_of_white_noise_is_white():
         assert np.mean(["correlation" in row.stands_out for row in rows]) >= least
 
 
+@pytest.mark.parametrize("axes", [[1, 0, 0], [1, 1, 1]])
+def test_few_frames_of_white_noise_stand_out_by_chance_only_rarely(axes):
+    """As seldom as three standard errors allow, whether noise turns about one axis or about all."""
+    touches = Touches(np.arange(30)[:, None] % 3 < 1, (2,))
+    rows = [
+        row
+        for seed in range(100)
+        for row in without(noise(seed=seed, frames=30) * axes, touches).values()
+    ]
+    for figure in FIGURES:
+        assert np.mean([figure in row.stands_out for row in rows]) < 0.02, figure
+    lasting = [
+        row
+        for seed in range(100)
+        for row in without(noise(0.9, seed=seed, frames=30) * axes).values()
+    ]
+    assert np.mean(["correlation" in row.stands_out for row in lasting]) > 0.7
+
+
 def test_flicks_that_are_cut_are_one_sided():
     v = noise() / 20
     for start in range(5, FRAMES, 12):
@@ -174,6 +193,26 @@ def test_frames_that_stay_do_not_count():
             if getattr(row, figure) is not None:
                 assert getattr(row, figure) == pytest.approx(getattr(alone[name], figure), rel=1e-9)
         assert row.stands_out == alone[name].stands_out
+
+
+def test_frames_that_were_missing_do_not_count():
+    v = noise(0.5)
+    clean = clip(swings())
+    rotations = np.array(clip(swings() + v).rotations)
+    rotations[20:90, 1] = np.nan
+    mask = np.arange(FRAMES)[:, None] % 20 < 8
+    touches = Touches(mask, (2,))
+    rows = {
+        r.joint: r
+        for r in removed(clean.with_transforms(rotations=rotations), clean, contacts=touches)
+    }
+    v[20:90, 1] = 0
+    same = {r.joint: r for r in removed(clip(swings() + v), clean, contacts=touches)}
+    assert rows == same
+    with pytest.raises(
+        ValueError, match=r"result\.rotations of 'Thigh' at frame 20 are not finite"
+    ):
+        removed(clean, clean.with_transforms(rotations=rotations))
 
 
 def test_signs_types_and_poses_change_nothing():
