@@ -3,6 +3,7 @@
     a_motion       that it is a Motion, with any batch axes in front
     one_clip       and no batch: f[T, J, 3], f[T, J, 4]
     finite_clip    and finite numbers, where one that is not would spoil joints and frames beside it
+    check_result   two clips of one shape, as it was and as it is now, that are known
     skeleton_of    a skeleton, or that of a motion
 
 What works on each frame and joint by itself (kinematics, displacements, measures) takes numbers
@@ -103,6 +104,22 @@ def check_weights(caller: str, motion: Motion, weights: ArrayLike | None) -> Non
         raise ValueError(
             f"{caller}: weights have shape {np.shape(weights)}; expected ({frames},) or "
             f"({frames}, {joints})"
+        )
+
+
+def check_result(caller: str, motion: Motion, result: Motion, *others: Any) -> None:
+    """``ValueError`` unless ``motion`` and ``result`` are single clips of one shape; ``TypeError``
+    where these, or ``others``, are traced: for lists of what became of a clip."""
+    one_clip(caller, motion, on_host=True)
+    one_clip(caller, result, "result", on_host=True)
+    if motion.rotations.shape != result.rotations.shape:
+        raise ValueError(
+            f"{caller}: result has rotations of shape {result.rotations.shape}; expected those of "
+            f"motion, {motion.rotations.shape}"
+        )
+    if traced(motion, result, *others):
+        raise TypeError(
+            f"{caller}: a list cannot be made inside of jit; call it on what jit returns"
         )
 
 

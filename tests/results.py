@@ -165,6 +165,10 @@ _MAKERS: dict[str, Callable[[], Any]] = {
     "KeySuggestions": lambda: smoothing.KeySuggestions(zeros(3, dtype=np.int32), zeros(3, FRAMES)),
     "MotionPrior": lambda: smoothing.MotionPrior(("Hips", "Spine"), zeros(6, 6), 250),
     "Bridge": lambda: smoothing.bridges.Bridge("LeftFoot", 12, 13, 0.2, 45.0),
+    "Removal": lambda: smoothing.Removal(
+        *("LeftFoot", 3.2, 12, 0.2, 0.987654321, 0.02, 0.4, 0.1, 2.345678),
+        ("correlation", "contact"),
+    ),
     "StreamingSmoother": smoother,
     "StreamState": lambda: as_returned(smoother().init, zeros(JOINTS, 3)),
     "Pyramid": lambda: as_returned(lambda m: multiresolution.build_pyramid(m, 1), motion()),

@@ -59,6 +59,7 @@ def test_results_are_one_line(name):
 TUPLES = (
     "UpGuess",
     "Bridge",
+    "Removal",
     "Interval",
     "ContactScores",
     "Knowledge",

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from jaxmotion.layers import MotionLayers
     from jaxmotion.smoothing import MotionTuning
 
+HALF_ANGLE = 2 * math.degrees(1)  # degrees
 _STILL = 1e-8  # radians
 
 
@@ -31,7 +32,7 @@ def of_noise(motion: "Motion", length: int, tuning: "MotionTuning | None") -> "L
     moved = (translations != translations[:1]).any(axis=(0, 2))
     turning, moving = tuning.rotations, tuning.translations
     sides = {
-        "turns": (np.flatnonzero(turned), turning, "degrees", 2 * math.degrees(1)),
+        "turns": (np.flatnonzero(turned), turning, "degrees", HALF_ANGLE),
         "translations": (np.flatnonzero(moved), moving, "length", 1.0),
     }
     return {

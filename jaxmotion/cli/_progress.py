@@ -51,6 +51,8 @@ class Progress:
         """Show one outcome."""
         self._done += 1
         lines = [line_about(outcome)]
+        if outcome.effect and outcome.effect.note:
+            lines.append(f"  {outcome.effect.note}")
         for text in outcome.warnings:  # each in full once, and at the end how often it came
             lines += [] if text in self._warned else [f"  warning: {text}"]
             self._warned[text] += 1

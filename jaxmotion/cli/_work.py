@@ -65,7 +65,8 @@ class Clip:
 class Effect:
     """What came of the clips that were ``read``, the file's own first: ``made``, the clip that is
     written; a ``message``, if there is more to say than ``change``, how it differs; ``skate``, how
-    its feet slide, None if none touch; what was ``learned`` on the way, if a report asks."""
+    its feet slide, None if none touch; what was ``learned`` on the way, if a report asks; a line to
+    tell below that of the file, ``note``."""
 
     read: tuple[Clip, ...]
     made: Clip | None = None
@@ -73,15 +74,17 @@ class Effect:
     change: "Difference | None" = None
     skate: Skate | None = None
     learned: Learned = field(default_factory=dict)
+    note: str = ""
 
 
 @dataclass(frozen=True)
 class Edited:
-    """What an edit makes of a clip, and a function to ask, if there is a report, for what it
-    learned of it."""
+    """What an edit makes of a clip, a function to ask, if there is a report, for what it learned of
+    it, and a ``note`` on it."""
 
     motion: "Motion"
     learned: Callable[[], Learned] = dict
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -151,7 +154,7 @@ def edit_file(editing: Editing, job: Job) -> Effect:
     change = metrics.difference(motion, result, world=editing.measured)
     write(result, job.target, overwrite=editing.overwrite, up=editing.out_up)
     learned = edit.learned() if editing.measured else {}
-    return Effect((Clip.of(motion),), Clip.of(result), "", change, skate, learned)
+    return Effect((Clip.of(motion),), Clip.of(result), "", change, skate, learned, edit.note)
 
 
 def finite(motion: "Motion") -> "Motion":

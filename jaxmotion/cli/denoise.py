@@ -118,7 +118,8 @@ def command(
 
 def edit(motion: "Motion", length: int, *, options: dict[str, Any], selection: Selection) -> Edited:
     """The library's denoiser on a padded clip; what is not given is left to it. Tells what it
-    bridged."""
+    bridged, and what it turned most."""
+    from jaxmotion.cli import _changes
     from jaxmotion.layers.synthesize import denoised
     from jaxmotion.smoothing import MotionPrior
 
@@ -126,21 +127,28 @@ def edit(motion: "Motion", length: int, *, options: dict[str, Any], selection: S
     if prior not in _PRIORS:
         options = options | {"prior": MotionPrior.load(prior)}
     found = denoised(motion, length=length, **options)
+    clean = confined(motion, found.motion, length, selection)
     rows = ()
     if found.weights is not None:
-        clean = confined(motion, found.motion, length, selection)
         rows = bridges(motion, clean, found.weights, length)
     if rows:
         warnings.warn(in_brief(rows), Notice, stacklevel=2)
-    return Edited(found.motion, partial(_learned, motion, length, found.tuning, rows))
+    changes = _changes.of_joints(motion, clean, length, found.tuning)
+    learned = partial(_learned, motion, length, found.tuning, rows, changes)
+    return Edited(found.motion, learned, _changes.in_brief(changes))
 
 
-def _learned(motion: "Motion", length: int, tuning: Any, rows: "tuple[Bridge, ...]") -> dict:
-    """What goes into the report: the noise of every joint, and what was bridged."""
+def _learned(
+    motion: "Motion", length: int, tuning: Any, rows: "tuple[Bridge, ...]", changes: list[dict]
+) -> dict:
+    """What goes into the report: the noise of every joint, what was removed of each, and what was
+    bridged."""
     from jaxmotion.cli._learned import of_noise
 
+    bridged = [row._asdict() for row in rows]
+    tables = {"changes": changes, "bridged": bridged}
     noise = of_noise(motion, length, tuning)
-    return noise | {"bridged": [row._asdict() for row in rows]} if rows else noise
+    return noise | {name: table for name, table in tables.items() if table}
 
 
 def bridges(

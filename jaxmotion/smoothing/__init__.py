@@ -13,6 +13,7 @@ from jaxmotion.smoothing.keys import KeySuggestions, suggest_keys
 from jaxmotion.smoothing.lgs import Posterior, lgs
 from jaxmotion.smoothing.motion_prior import MotionPrior, motion_prior
 from jaxmotion.smoothing.outliers import outlier_weights
+from jaxmotion.smoothing.removal import Removal, removed
 from jaxmotion.smoothing.rotations import smooth_motion, smooth_quaternions
 from jaxmotion.smoothing.streaming import StreamingSmoother, StreamState
 from jaxmotion.smoothing.tuning import MotionTuning, Tuning, tune
@@ -32,6 +33,7 @@ __all__ = [
     "MotionPrior",
     "MotionTuning",
     "Posterior",
+    "Removal",
     "StreamState",
     "StreamingSmoother",
     "Tuning",
@@ -40,6 +42,7 @@ __all__ = [
     "lgs",
     "motion_prior",
     "outlier_weights",
+    "removed",
     "smooth_motion",
     "smooth_quaternions",
     "suggest_keys",

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jaxmotion import quaternion
-from jaxmotion._checks import known, traced
-from jaxmotion._entry import check_weights, one_clip
+from jaxmotion._entry import check_result, check_weights
 from jaxmotion._summary import line
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
@@ -46,17 +45,9 @@ def bridged(motion: Motion, result: Motion, weights: ArrayLike) -> tuple[Bridge,
     **Raises:** ``ValueError`` for what are no two clips of one shape, and weights of another;
     ``TypeError`` inside ``jit``.
     """
-    one_clip("bridged", motion)
-    one_clip("bridged", result, "result")
+    check_result("bridged", motion, result, weights)
     check_weights("bridged", motion, weights)
-    if motion.rotations.shape != result.rotations.shape:
-        raise ValueError(
-            f"bridged: result has rotations of shape {result.rotations.shape}; expected those of "
-            f"motion, {motion.rotations.shape}"
-        )
-    if traced(motion, result, weights):
-        raise TypeError("bridged: a list cannot be made inside of jit; call it on what jit returns")
-    left_out = np.asarray(known(weights)).reshape(motion.num_frames, -1) == 0
+    left_out = np.asarray(weights).reshape(motion.num_frames, -1) == 0
     left_out = np.broadcast_to(left_out, motion.rotations.shape[:2])
     angles = np.degrees(np.asarray(quaternion.distance(motion.rotations, result.rotations)))
     edges = np.diff(np.pad(left_out.astype(np.int8), ((1, 1), (0, 0))), axis=0)

@@ -162,8 +162,15 @@ def test_what_was_learned(jaxmotion, tmp_path):
     rotations[:, 3] = rotations[0, 3]  # keeps still
     jm.save(clean.with_transforms(rotations=rotations), tmp_path / "take.npz")
     report, out = tmp_path / "r.html", tmp_path / "out.npz"
-    jaxmotion("denoise", tmp_path / "take.npz", "-o", out, "--report", report)
+    told = jaxmotion("denoise", tmp_path / "take.npz", "-o", out, "--report", report).stderr
     [row] = read(report)["files"]
+    most, *others = row["learned"]["changes"]
+    assert sorted(line["joint"] for line in (most, *others)) == ["Hips", "LeftArm", "LeftHand"]
+    assert f"  turned most: {most['joint']} by {most['degrees']:.3g}° at frame" in told
+    assert "not like noise" not in told
+    for line in (most, *others):
+        assert line["noise"] == pytest.approx(np.degrees(noise), rel=0.15)
+        assert (line["stands_out"], line["contact"]) == ([], None)
     turned = {line.pop("joint"): line for line in row["learned"]["turns"]}
     assert set(turned) == {"Hips", "LeftArm", "LeftHand"}
     for line in turned.values():
@@ -174,6 +181,7 @@ def test_what_was_learned(jaxmotion, tmp_path):
     assert [line["joint"] for line in row["learned"]["translations"]] == ["Hips"]
     text = report.read_text()
     assert "<th>hertz</th>" in text
+    assert "<h4>changes</h4>" in text
     assert "what was learned of" in text
     moved = row["changes"]["distance"]
     assert (moved["joint"], moved["end_site"]) == ("LeftHand", True)

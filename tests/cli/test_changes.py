@@ -1,0 +1,76 @@
+"""The line that tells what was turned most, and the rows of a report."""
+
+from types import SimpleNamespace
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from jaxmotion.cli._changes import in_brief, of_joints
+from jaxmotion.cli._padding import pad
+from jaxmotion.smoothing import Removal, removed
+from tests.cli.conftest import swinging
+
+
+class Touching(eqx.Module):
+    """Contacts of points on joints, no more than is asked for."""
+
+    mask: np.ndarray
+    joints: tuple[int, ...] = eqx.field(static=True)
+
+
+def row(joint, degrees, *stands_out, contact=None, noise=0.41):
+    found = Removal(joint, degrees, 374, 12.4, 0.6, 0.021, 0.0, 0.0, contact, stands_out)
+    return found._asdict() | {"noise": noise}
+
+
+def test_what_is_told():
+    toe, hand = row("Toe", 3.217), row("Hand", 2.0, noise=None)
+    assert in_brief([]) == in_brief([row("Toe", 0.49, "lean")]) == ""
+    first = "turned most: Toe by 3.22° at frame 374 (noise 0.41°, 2.1 % of variance)"
+    assert in_brief([toe]) == first
+    assert "(noise 0.41°, 99 % of variance)" in in_brief([toe | {"share": 0.998}])
+    others = [hand, *(row(name, 1.0) for name in "ABC")]
+    told = in_brief([toe, *others])
+    assert told.startswith(f"{first}, Hand by 2° at frame 374 (2.1 % of variance), A by")
+    assert told.count("frame") == 3
+
+
+def test_what_is_not_like_noise_is_told_by_joint():
+    odd = row("Foot", 0.6, "correlation", "lean", "contact", contact=0.2)
+    assert in_brief([odd]).endswith(
+        "; not like noise, 1 joint: Foot (lasts over frames, one-sided, less in contact)"
+    )
+    more = [row(name, 1.0, "contact", contact=3.0) for name in "ABCD"]
+    told = in_brief([row("Toe", 3.0), *more])
+    assert told.endswith(
+        "; not like noise, 4 joints: A (more in contact), B (more in contact), C (more in contact)"
+    )
+    assert "not like noise" not in in_brief([row("Toe", 3.0), row("Foot", 0.4, "lean")])
+
+
+def test_rows_are_of_the_frames_that_count(monkeypatch):
+    """Padding is not looked at, and each joint has its own noise."""
+    from jaxmotion.cli import _feet
+
+    motion, length = pad(swinging(40))
+    assert motion.num_frames > length
+    clean, _ = pad(swinging(40, noise=0.0))
+    rotations = np.array(clean.rotations)
+    rotations[:, 3] = motion.rotations[:, 3]  # as it was
+    rotations[length:] = [1, 0, 0, 0]
+    clean = clean.with_transforms(rotations=rotations)
+    mask = np.arange(motion.num_frames)[:, None] % 7 < 3
+    touching = Touching(mask, (2,))
+    monkeypatch.setattr(_feet, "find_feet", lambda motion, length: touching)
+    sigma = np.radians([0.5, 1.0, 1.5, 2.0]) / 2
+    tuning = SimpleNamespace(rotations=SimpleNamespace(sigma=sigma))
+    found = of_joints(motion, clean, length, tuning)
+    cut = [m.with_transforms(m.translations[:40], m.rotations[:40]) for m in (motion, clean)]
+    want = removed(*cut, contacts=Touching(mask[:40], (2,)))
+    noise = {"Hips": 0.5, "LeftArm": 1.0, "LeftHand": 1.5}
+    assert [line["joint"] for line in found] == [line.joint for line in want]
+    for line, same in zip(found, want, strict=True):
+        assert line.pop("noise") == pytest.approx(noise[same.joint])
+        assert line == same._asdict()
+    assert of_joints(motion, clean, length, None)[0]["noise"] is None
