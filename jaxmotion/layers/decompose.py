@@ -43,7 +43,9 @@ from jaxmotion.smoothing import MotionTuning, lgs
 from jaxmotion.smoothing.components import from_components, to_components
 from jaxmotion.smoothing.design import Design
 from jaxmotion.smoothing.lgs import check_positive
+from jaxmotion.smoothing.repeats import without_repeats
 from jaxmotion.smoothing.rotations import geodesic_limit, smoothed_clip
+from jaxmotion.smoothing.together import smoothed_together
 from jaxmotion.smoothing.tuning import Criterion, Prior, tune_clip
 
 _RATIO = np.sqrt(2.0)
@@ -272,9 +274,12 @@ def without_noise(
     prior: Prior,
     weights: Array | None,
     method: Literal["chordal", "geodesic"],
+    together: Array | None = None,
 ) -> tuple[MotionTuning, Motion]:
     """M̂: what is learned of the noise, joint by joint (``smoothing.tune``), and the motion smoothed
-    accordingly. ``weights`` as :func:`checked_weights` gives them. O(T·J)."""
+    accordingly, the joints ``together`` if a prior has their covariance. ``weights`` as
+    :func:`checked_weights` gives them; dropped frames count for nothing. O(T·J)."""
+    weights = without_repeats(motion, weights)
     tuning = tune_clip(motion, weights, criterion=criterion, order=order, prior=prior)
     turning, moving = tuning.rotations, tuning.translations
     lam = turning.lam
@@ -294,6 +299,8 @@ def without_noise(
         weights=weights,
         method=method,
     )
+    if together is not None:
+        clean = smoothed_together(motion, clean, turning.sigma, together, weights)
     return tuning, clean
 
 

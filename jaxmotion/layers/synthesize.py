@@ -35,7 +35,6 @@ from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.smoothing import MotionPrior, MotionTuning, outlier_weights
 from jaxmotion.smoothing.lgs import check_positive
-from jaxmotion.smoothing.together import smoothed_together
 from jaxmotion.smoothing.tuning import Prior
 
 
@@ -121,8 +120,10 @@ def denoise(
     """Remove the noise of the capture: the residual layer of :func:`decompose`.
 
     Sudden moves stay as they are: a toe that flicks, a blow that lands. So do sudden errors, which
-    ``robust`` and :func:`jaxmotion.check` are for. O(T·J), differentiable in the motion and
-    ``strength``; what is learned is a constant. Source: Eom et al. 2019, §5.2 (α = 1) and §6.2.
+    ``robust`` and :func:`jaxmotion.check` are for. Up to three frames that repeat the one before,
+    of a body that moves, were dropped by the capture and are made anew. O(T·J), differentiable in
+    the motion and ``strength``; what is learned is a constant. Source: Eom et al. 2019, §5.2
+    (α = 1) and §6.2.
 
     **Arguments:** ``motion``: one clip of T ≥ 1 frames; ``tune``: learn the smoother's parameters
     from the clip, per joint, by restricted evidence; False takes the paper's λ = σ = 1 for the
@@ -229,9 +230,7 @@ def _without_noise(
 ) -> tuple[MotionTuning, Motion]:
     """What is learned, and the tuned layers' base ⊕ control ⊕ a share of the residual, for which no
     base is needed."""
-    tuning, clean = without_noise(motion, "evidence", 2, prior, weights, method)
-    if together is not None:
-        clean = smoothed_together(motion, clean, tuning.rotations.sigma, together, weights)
+    tuning, clean = without_noise(motion, "evidence", 2, prior, weights, method, together)
     noise = minus(motion, clean)
     return tuning, plus(clean, noise.scale(_kept(noise, kept, most)))
 
