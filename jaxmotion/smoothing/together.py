@@ -62,6 +62,7 @@ def smoothed_together(
         noise = jnp.where(share[:, :, None] > 0, share[:, :, None] * noise, 0)
     rounding = 64 * float(jnp.finfo(path.dtype).eps)
     turns = jnp.max(jnp.abs(path), axis=(0, 2)) + jnp.max(jnp.abs(noise), axis=(0, 2)) > rounding
+    path, noise = (jnp.where(turns[:, None], v, 0) for v in (path, noise))
     usual = jnp.nanmedian(jnp.where(turns, sigma, jnp.nan))
     unit = jnp.where(turns, jnp.clip(sigma, usual / _APART, usual * _APART), 1)[:, None]
 
@@ -77,13 +78,13 @@ def smoothed_together(
     learned = tune_signal(y - middle, weights=seen, prior="student", share=True)
     firm = learned.stiffness
     x = middle + lgs(y - middle, learned.lam, learned.sigma, stiffness=firm, weights=seen).mean
-    turn = (x @ along.T).reshape(frames, joints, 3) * unit - path
-    turn = quaternion.exp(jnp.where(turns[:, None], turn, 0))
+    turn = quaternion.exp((x @ along.T).reshape(frames, joints, 3) * unit - path)
     return first.with_transforms(rotations=quaternion.multiply(first.rotations, turn))
 
 
 def _directions(shared: Array, bends: Array) -> Array:
-    """The columns of an orthogonal matrix, of a covariance and a clip's own f[T-2, 3J]."""
+    """The columns of an orthogonal matrix, of a covariance and a clip's own f[T-2, 3J]; an axis
+    that is 0 in both is a column by itself."""
     own = bends.T @ bends
 
     def per_trace(x: Array) -> Array:
