@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
+    from jaxmotion._types import ArrayLike
     from jaxmotion.smoothing import MotionTuning
 
 _SEEN = 0.05  # degrees; less is in no row,
 _TOLD = 0.5  # and in no line
 _NAMED = 3
+_FRAMES = 8
 
 
 def of_joints(
@@ -52,6 +54,24 @@ def in_brief(rows: Sequence[dict[str, Any]]) -> str:
         return text
     joints = "1 joint" if len(odd) == 1 else f"{len(odd)} joints"
     return f"{text}; not like noise, {joints}: {', '.join(map(_odd, odd[:_NAMED]))}"
+
+
+def made_anew(motion: "Motion", dropped: "ArrayLike | None") -> list[dict[str, Any]]:
+    """A row a frame that the capture had dropped, of bool[T]."""
+    import numpy as np
+
+    frames = [] if dropped is None else np.flatnonzero(dropped).tolist()
+    return [{"frame": t, "seconds": float(t * np.asarray(motion.frame_time))} for t in frames]
+
+
+def frames_in_brief(rows: Sequence[dict[str, Any]]) -> str:
+    """Which frames were made anew; "" for none."""
+    frames = [row["frame"] for row in rows]
+    if not frames:
+        return ""
+    more = f" and {len(frames) - _FRAMES} more" if len(frames) > _FRAMES else ""
+    first = f"{', '.join(map(str, frames[:_FRAMES]))}{more}"
+    return f"made anew {len(frames)} dropped frame{'s' * (len(frames) > 1)}: {first}"
 
 
 def _most(row: dict[str, Any]) -> str:

@@ -134,19 +134,19 @@ def edit(motion: "Motion", length: int, *, options: dict[str, Any], selection: S
     if rows:
         warnings.warn(in_brief(rows), Notice, stacklevel=2)
     changes = _changes.of_joints(motion, clean, length, found.tuning)
-    learned = partial(_learned, motion, length, found.tuning, rows, changes)
-    return Edited(found.motion, learned, _changes.in_brief(changes))
+    dropped = _changes.made_anew(motion, found.dropped)
+    tables = {"changes": changes, "bridged": [row._asdict() for row in rows], "dropped": dropped}
+    learned = partial(_learned, motion, length, found.tuning, tables)
+    notes = _changes.frames_in_brief(dropped), _changes.in_brief(changes)
+    return Edited(found.motion, learned, "; ".join(filter(None, notes)))
 
 
 def _learned(
-    motion: "Motion", length: int, tuning: Any, rows: "tuple[Bridge, ...]", changes: list[dict]
-) -> dict:
-    """What goes into the report: the noise of every joint, what was removed of each, and what was
-    bridged."""
+    motion: "Motion", length: int, tuning: Any, tables: dict[str, list[dict[str, Any]]]
+) -> dict[str, Any]:
+    """What goes into the report: the noise of every joint, and the tables that hold anything."""
     from jaxmotion.cli._learned import of_noise
 
-    bridged = [row._asdict() for row in rows]
-    tables = {"changes": changes, "bridged": bridged}
     noise = of_noise(motion, length, tuning)
     return noise | {name: table for name, table in tables.items() if table}
 

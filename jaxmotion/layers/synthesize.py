@@ -35,6 +35,7 @@ from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.smoothing import MotionPrior, MotionTuning, outlier_weights
 from jaxmotion.smoothing.lgs import check_positive
+from jaxmotion.smoothing.repeats import dropped_frames
 from jaxmotion.smoothing.tuning import Prior
 
 
@@ -156,11 +157,13 @@ def denoise(
 
 class Denoised(NamedTuple):
     """``motion``: what :func:`denoise` returns; ``tuning``: what it learned of the noise, None if
-    it learned nothing; ``weights``: f[T, J], 0 for spikes, None unless it looked for them."""
+    it learned nothing; ``weights``: f[T, J], 0 for spikes, None unless it looked for them;
+    ``dropped``: bool[T], the frames made anew, None if it learned nothing."""
 
     motion: Motion
     tuning: MotionTuning | None
     weights: Array | None
+    dropped: Array | None
 
 
 def denoised(
@@ -195,13 +198,14 @@ def denoised(
         weights = outlier_weights(motion, weights=weights)
         trusted = room.cut(weights)
     if learning:
-        tuning, clean = _without_noise(motion, weights, kept, most, together, prior, method)
-        return Denoised(room.cut(clean), cut_tuning(room, tuning), trusted)
+        found = _without_noise(motion, weights, kept, most, together, prior, method)
+        tuning, clean, dropped = found
+        return Denoised(room.cut(clean), cut_tuning(room, tuning), trusted, room.cut(dropped))
     given = (np.pi / 2, *(1.0 if value is None else value for value in (lam, sigma)))
     gamma, lam_c, sigma_c = (jnp.asarray(value, motion.dtype) for value in given)
     layers = layers_of(motion, weights, gamma, lam_c, sigma_c, method=method)
     kept = _kept(layers.residual, kept, most)
-    return Denoised(room.cut(_edited("denoise", layers, 1.0, kept, 1.0)), None, trusted)
+    return Denoised(room.cut(_edited("denoise", layers, 1.0, kept, 1.0)), None, trusted, None)
 
 
 def _prior_of(
@@ -227,12 +231,13 @@ def _without_noise(
     together: Array | None,
     prior: Prior,
     method: Literal["chordal", "geodesic"],
-) -> tuple[MotionTuning, Motion]:
-    """What is learned, and the tuned layers' base ⊕ control ⊕ a share of the residual, for which no
-    base is needed."""
+) -> tuple[MotionTuning, Motion, Array]:
+    """What is learned; the tuned layers' base ⊕ control ⊕ a share of the residual, for which no
+    base is needed; the frames that were dropped."""
     tuning, clean = without_noise(motion, "evidence", 2, prior, weights, method, together)
     noise = minus(motion, clean)
-    return tuning, plus(clean, noise.scale(_kept(noise, kept, most)))
+    clean = plus(clean, noise.scale(_kept(noise, kept, most)))
+    return tuning, clean, dropped_frames(motion, weights)
 
 
 def _kept(noise: Displacement, kept: Array, most: Array | None) -> Array:

@@ -1,12 +1,14 @@
 """The line that tells what was turned most, and the rows of a report."""
 
+import json
 from types import SimpleNamespace
 
 import equinox as eqx
 import numpy as np
 import pytest
 
-from jaxmotion.cli._changes import in_brief, of_joints
+import jaxmotion as jm
+from jaxmotion.cli._changes import frames_in_brief, in_brief, of_joints
 from jaxmotion.cli._padding import pad
 from jaxmotion.smoothing import Removal, removed
 from tests.cli.conftest import swinging
@@ -34,6 +36,26 @@ def test_what_is_told():
     told = in_brief([toe, *others])
     assert told.startswith(f"{first}, Hand by 2° at frame 374 (2.1 % of variance), A by")
     assert told.count("frame") == 3
+
+
+def test_dropped_frames_are_told(jaxmotion, tmp_path):
+    clip = swinging()
+    kept = np.maximum.accumulate(np.where(np.isin(np.arange(40), [7, 15, 16]), 0, range(40)))
+    clip = clip.with_transforms(clip.translations[kept], clip.rotations[kept])
+    jm.save(clip, tmp_path / "take.npz")
+    report = tmp_path / "r.json"
+    words = ("denoise", tmp_path / "take.npz", "-o", tmp_path / "out.npz", "--report", report)
+    assert "made anew 3 dropped frames: 7, 15, 16" in jaxmotion(*words).stderr
+    [file] = json.loads(report.read_text())["files"]
+    assert [row["frame"] for row in file["learned"]["dropped"]] == [7, 15, 16]
+    assert file["learned"]["dropped"][0]["seconds"] == pytest.approx(7 * float(clip.frame_time))
+
+
+def test_a_few_of_many_frames_are_named():
+    assert frames_in_brief([]) == ""
+    assert frames_in_brief([{"frame": 3}]) == "made anew 1 dropped frame: 3"
+    many = frames_in_brief([{"frame": t} for t in range(20)])
+    assert many == "made anew 20 dropped frames: 0, 1, 2, 3, 4, 5, 6, 7 and 12 more"
 
 
 def test_what_is_not_like_noise_is_told_by_joint():
