@@ -300,7 +300,8 @@ def without_noise(
         method=method,
     )
     if together is not None:
-        clean = smoothed_together(motion, clean, turning.sigma, together, weights)
+        whole_angles = 2 * turning.sigma
+        clean = smoothed_together(motion, clean, whole_angles, together, weights)
     return tuning, clean
 
 

@@ -6,8 +6,9 @@ A clip's rotations are unrolled about a first estimate q̂ of them (Jupp & Kent 
 
 What is white noise in q is white in y and, over every joint's own noise σ_j, as large in every
 direction. So y is turned by an orthogonal matrix into columns whose noise is independent, and each
-column is smoothed by itself: λ, σ and heavy tails learned from it, O(T). The result x goes back as
-q̂_t exp(x_t - Φ_t). The matrix is of the principal directions of
+is smoothed by itself, λ, σ and heavy tails learned from it, O(T). A joint that found no noise is
+taken to have a third of the noisiest joint's, and no column has more than that joint. The result x
+goes back as q̂_t exp(x_t - Φ_t). The matrix is of the principal directions of
 
     Q/tr Q + P/(10 tr P)       Q the prior's covariance of accelerations, P that of q̂
 
@@ -32,7 +33,7 @@ from jaxmotion.smoothing.lgs import lgs
 from jaxmotion.smoothing.tuning import tune_signal
 
 _OWN = 0.1  # the clip's say in its directions
-_APART = 3.0  # how many times more or less than the median a joint's noise may be
+_APART = 3.0  # how many times less than the noisiest joint's a joint's noise may be
 
 
 def smoothed_together(
@@ -45,7 +46,7 @@ def smoothed_together(
     """``motion`` smoothed along the directions of a prior.
 
     **Arguments:** ``first``: the clip smoothed joint by joint; ``sigma``: every joint's noise about
-    each axis, radians, to within a common factor; ``covariance``: of its joints' accelerations
+    each axis, radians; ``covariance``: of its joints' accelerations
     (``MotionPrior.of``); ``weights``: f[T] or f[T, J], or None.
     **Returns:** a motion with the translations of ``first``.
     """
@@ -63,8 +64,8 @@ def smoothed_together(
     rounding = 64 * float(jnp.finfo(path.dtype).eps)
     turns = jnp.max(jnp.abs(path), axis=(0, 2)) + jnp.max(jnp.abs(noise), axis=(0, 2)) > rounding
     path, noise = (jnp.where(turns[:, None], v, 0) for v in (path, noise))
-    usual = jnp.nanmedian(jnp.where(turns, sigma, jnp.nan))
-    unit = jnp.where(turns, jnp.clip(sigma, usual / _APART, usual * _APART), 1)[:, None]
+    most = jnp.max(jnp.where(turns, sigma, 0))
+    unit = jnp.where(turns, jnp.maximum(sigma, most / _APART), 1)[:, None]
 
     def unrolled(x: Array) -> Array:
         return (x / unit).reshape(frames, -1)
@@ -75,7 +76,7 @@ def smoothed_together(
     along = _directions(covariance * scale[:, None] * scale, bends)
     y = unrolled(path + noise) @ along
     middle = seen @ y / jnp.sum(seen)  # rounding is of what is left
-    learned = tune_signal(y - middle, weights=seen, prior="student", share=True)
+    learned = tune_signal(y - middle, weights=seen, prior="student", most=_APART)
     firm = learned.stiffness
     x = middle + lgs(y - middle, learned.lam, learned.sigma, stiffness=firm, weights=seen).mean
     turn = quaternion.exp((x @ along.T).reshape(frames, joints, 3) * unit - path)

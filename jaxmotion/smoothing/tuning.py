@@ -175,9 +175,11 @@ def tune_signal(
     scale: Literal["half", "unit"] = "half",
     prior: Prior = "gaussian",
     share: bool = False,
+    most: float | None = None,
 ) -> Tuning:
     """:func:`tune` for a signal f[Nd, *channels], with its options; ``share``: with "student",
-    whether the groups have a noise of one source (:mod:`.heavy_tails`)."""
+    whether the groups have a noise of one source (:mod:`.heavy_tails`); ``most``: the
+    largest that σ may be, with which J/σ² + n log σ² stands for n log(J/n)."""
     one_of("tune: criterion", criterion, ("evidence", "gcv", "holdout"))
     one_of("tune: per", per, ("clip", "joint", "channel"))
     one_of("tune: prior", prior, ("gaussian", "student"))
@@ -191,13 +193,14 @@ def tune_signal(
     if weights is not None and weights.ndim > 1:
         spread = weights.reshape(weights.shape + (1,) * (y.ndim - weights.ndim))
         weights = jnp.broadcast_to(spread, y.shape).reshape(grouped.shape)
-    found = _tune(grouped, weights, index, criterion, num_frames, order, scale, prior, share)
+    options = criterion, num_frames, order, scale, prior, share, most
+    found = _tune(grouped, weights, index, *options)
     return jax.tree.map(lambda x: x.reshape(*x.shape[:-1], *kept), found)
 
 
 @eqx.filter_jit
 def _tune(
-    y, weights, index, criterion: str, num_frames, order, scale, prior: str, share: bool
+    y, weights, index, criterion: str, num_frames, order, scale, prior: str, share: bool, most
 ) -> Tuning:
     """``y`` f[Nd, G, C]; one pair for each of the G groups."""
     y, weights = jax.lax.stop_gradient((y, weights))
@@ -234,6 +237,9 @@ def _tune(
             energy = jnp.sum(post.energy, axis=1)
             rest = -2 * jnp.sum(post.log_evidence, axis=1) - energy
             energy, data = energy + floor, free
+            if most is not None:
+                variance = jnp.minimum(energy / jnp.maximum(data, 1), most**2)
+                return data * jnp.log(variance) + energy / variance + rest, (variance, post)
             if told is not None:
                 energy, data = energy + told.count * told.variance, free + told.count
             return data * jnp.log(energy) + rest, (energy / jnp.maximum(data, 1), post)

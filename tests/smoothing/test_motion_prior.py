@@ -185,7 +185,7 @@ def test_smoothed_along_the_directions():
     both = shared / np.trace(shared) + 0.1 * own / np.trace(own)
     along = np.linalg.eigh(both)[1]
     columns = y.reshape(FRAMES, -1) / unit @ along
-    learned = tune_signal(jnp.asarray(columns - columns.mean(0)), prior="student", share=True)
+    learned = tune_signal(jnp.asarray(columns - columns.mean(0)), prior="student", most=3.0)
     smoothers = [
         dense_smoother(FRAMES, float(a), float(b), np.asarray(c))
         for a, b, c in zip(learned.lam, learned.sigma, learned.stiffness.T, strict=True)
