@@ -179,7 +179,7 @@ def test_smoothed_along_the_directions():
     covariance = np.cov(rng.standard_normal((12, 40)) ** 3)
     got = vectors_of(smoothed_together(clip_of(y), first, sigma, covariance, None))
 
-    unit = np.repeat(sigma, 3)
+    unit = np.repeat(np.maximum(sigma, sigma.max() / 3), 3)
     bends = np.diff(clean, n=2, axis=0).reshape(-1, 12) / unit
     shared, own = covariance / unit / unit[:, None], bends.T @ bends
     both = shared / np.trace(shared) + 0.1 * own / np.trace(own)
