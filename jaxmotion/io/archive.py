@@ -69,6 +69,27 @@ class Archive:
                 hint="copy or export the file again",
             ) from error
 
+    def floats(self, name: str, dtype: np.dtype | None = None) -> np.ndarray:
+        """The array called ``name``, of finite numbers, as ``dtype`` if one is given.
+
+        **Raises:** as :meth:`read`, and for numbers that are no floats or not finite.
+        """
+        array = self.read(name, "an array of floats")
+        if array.dtype not in (np.float32, np.float64):
+            raise MotionFileError(
+                self.path, f"{name!r} of dtype {array.dtype}", expected="float32 or float64"
+            )
+        with np.errstate(over="ignore"):
+            array = array if dtype is None else array.astype(dtype)
+        bad = np.argwhere(~np.isfinite(array))
+        if len(bad):
+            raise MotionFileError(
+                self.path,
+                f"{array[tuple(bad[0])]} in {name!r} at {tuple(bad[0].tolist())}",
+                expected=f"numbers that are finite in {array.dtype}",
+            )
+        return array
+
     def _read(self, name: str) -> np.ndarray:
         with zipfile.ZipFile(self.path) as archive:
             info = archive.getinfo(f"{name}.npy")

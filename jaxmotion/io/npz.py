@@ -114,7 +114,7 @@ def load_npz(
             hint="update jaxmotion; the file was written by another version",
         )
     static = _static(archive)
-    arrays = {name: _floats(archive, name, wanted) for name in _ARRAYS}
+    arrays = {name: jnp.asarray(archive.floats(name, wanted)) for name in _ARRAYS}
     try:
         motion = _assemble(static, arrays)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
@@ -151,24 +151,6 @@ def _static(archive: Archive) -> dict[str, Any]:
     if not isinstance(static, dict):
         raise MotionFileError(archive.path, quoted(str(text)), expected="a JSON object")
     return static
-
-
-def _floats(archive: Archive, name: str, wanted: np.dtype | None):
-    array = archive.read(name, "an array of floats")
-    if array.dtype not in (np.float32, np.float64):
-        raise MotionFileError(
-            archive.path, f"{name!r} of dtype {array.dtype}", expected="float32 or float64"
-        )
-    with np.errstate(over="ignore"):
-        array = array if wanted is None else array.astype(wanted)
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
-        raise MotionFileError(
-            archive.path,
-            f"{array[tuple(bad[0])]} in {name!r} at {tuple(bad[0].tolist())}",
-            expected=f"numbers that are finite in {array.dtype}",
-        )
-    return jnp.asarray(array)
 
 
 def _assemble(static: dict[str, Any], arrays: dict[str, Any]) -> Motion:

@@ -108,7 +108,7 @@ def settle(
     every = jnp.ones_like(learnable)
     nothing = Told(0 * every, every)
     _, (_, rough) = evaluate(grid[0] * every, jnp.ones((frames, len(every)), every.dtype), nothing)
-    known = _told(jnp.any(rough.readings > 0, axis=-1)) & (learnable > 0)
+    known = _known(jnp.any(rough.readings > 0, axis=-1)) & (learnable > 0)
     channels = rough.mean.shape[-1]
     bends = _squared_bends(rough)
     usual = jnp.nanmedian(jnp.where(known, bends, jnp.nan), axis=0)
@@ -119,14 +119,16 @@ def settle(
     first = _tails(z, _DOF * every, known, channels)
 
     def look(state, k):
-        search, tails, told = state
+        search, tails = state
         on_grid = k < len(grid)
+        told = nothing
+        if share:
+            told = _told_by_all(search.variance, jnp.where(on_grid, 0, learnable), free)
         score, slope, (variance, post) = jax.jvp(
             lambda s: evaluate(s, tails.stiffness, told), (search.s,), (every,), has_aux=True
         )
         better = on_grid & (score < search.least)
         best = jnp.where(better, search.s, search.best)
-        of_best = jnp.where(better, variance, search.variance)
         sense = jnp.where(slope < 0, every, -every)
         longer = jnp.where(sense * search.sense < 0, _SHORTER, _LONGER)
         step = search.step * jnp.where(on_grid, 1, longer)
@@ -136,7 +138,7 @@ def settle(
             learnable * jnp.where(on_grid, along, ahead),
             jnp.where(better, score, search.least),
             best,
-            of_best,
+            jnp.where(better, variance, search.variance),
             step,
             jnp.where(on_grid, 0, sense),
         )
@@ -147,15 +149,12 @@ def settle(
             return _tails(z, tails.dof, known, channels)
 
         after = jax.lax.cond(on_grid, lambda: tails, learned)
-        if share:
-            shared = _told_by_all(of_best, learnable, free)
-            told = jax.tree.map(lambda a, b: jnp.where(k == len(grid) - 1, a, b), shared, told)
-        return (nearby, after, told), (Look(search.s, score, variance), tails)
+        return (nearby, after), (Look(search.s, score, variance), tails)
 
     nought = 0 * every
     start = _Search(learnable * grid[0], jnp.inf * every, nought, every, _FIRST * every, nought)
     looks = jnp.arange(len(grid) + _STEPS)
-    _, found = jax.lax.scan(look, (start, first, nothing), looks)
+    _, found = jax.lax.scan(look, (start, first), looks)
     return jax.tree.map(lambda x: x[-1], found)
 
 
@@ -176,7 +175,7 @@ def no_bends(learnable: Float[Array, " group"], frames: int) -> Tails:
     )
 
 
-def _told(seen: Bool[Array, "frames group"]) -> Bool[Array, "bends group"]:
+def _known(seen: Bool[Array, "frames group"]) -> Bool[Array, "bends group"]:
     """Which bends the data tell of: at a frame that is seen, between others that are."""
     since, until = last_before(seen) >= 0, next_after(seen) < len(seen)
     return since[:-2] & seen[1:-1] & until[2:]
@@ -187,13 +186,13 @@ def _squared_bends(post: Posterior) -> Float[Array, "bends group"]:
     return jnp.sum(jnp.diff(post.mean, n=2, axis=0) ** 2, axis=-1)
 
 
-def _tails(z: Array, dof: Array, told: Array, channels: int) -> Tails:
+def _tails(z: Array, dof: Array, known: Array, channels: int) -> Tails:
     """E u where second differences are z times what they should be in square, and the ν of those
     that data tell of."""
     shape, rate = (dof + channels) / 2, (dof + z) / 2
     logs = digamma(shape) - jnp.log(rate) - shape / rate
-    count = jnp.maximum(jnp.sum(told, axis=0, dtype=z.dtype), 1)
-    mean = jnp.sum(jnp.where(told, logs, 0), axis=0) / count
+    count = jnp.maximum(jnp.sum(known, axis=0, dtype=z.dtype), 1)
+    mean = jnp.sum(jnp.where(known, logs, 0), axis=0) / count
 
     def halve(_, ends):
         low, high = ends
@@ -205,5 +204,5 @@ def _tails(z: Array, dof: Array, told: Array, channels: int) -> Tails:
     ends = (jnp.full_like(dof, np.log(_LEAST)), jnp.full_like(dof, np.log(_MOST)))
     low, high = jax.lax.fori_loop(0, _HALVINGS, halve, ends)
     softest = float(jnp.finfo(z.dtype).eps) ** 0.5
-    scales = jnp.where(told, jnp.maximum(jnp.sqrt(shape / rate), softest), 1)
+    scales = jnp.where(known, jnp.maximum(jnp.sqrt(shape / rate), softest), 1)
     return Tails(jnp.exp((low + high) / 2), jnp.pad(scales, ((1, 1), (0, 0)), constant_values=1))

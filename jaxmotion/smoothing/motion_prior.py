@@ -14,7 +14,6 @@ Frames count alike, whether the body walks or jumps, and an error of the capture
 import json
 from collections.abc import Iterable, Iterator
 from os import PathLike
-from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -100,14 +99,16 @@ class MotionPrior(Portable):
             if int(version) != _VERSION:
                 raise ValueError(f"version {version}")
             joints = json.loads(str(archive.read("joints", "names as JSON text")))
-            covariance = archive.read("covariance", "an array of floats")
+            covariance = archive.floats("covariance")
             if not all(isinstance(name, str) for name in joints):
                 raise ValueError("names that are no texts")
+            if covariance.shape != (3 * len(joints), 3 * len(joints)):
+                raise ValueError(f"a covariance {covariance.shape} of {len(joints)} joints")
             frames = int(archive.read("frames", "a whole number"))
-            return cls(tuple(joints), _checked(covariance, len(joints)), frames)
+            return cls(tuple(joints), jnp.asarray(covariance), frames)
+        except MotionFileError:
+            raise
         except (TypeError, ValueError, RecursionError) as error:
-            if isinstance(error, MotionFileError):
-                raise
             raise MotionFileError(
                 path,
                 f"fields that do not fit together ({error})",
@@ -175,12 +176,3 @@ def _usual_bends(rotations: Float[AnyArray, "time joint 4"]) -> np.ndarray:
     soft = _SOFT * np.median(square) if len(square) else 0.0
     weight = np.divide(1, square + soft, out=np.zeros_like(square), where=square > 0)
     return (weight * bends.T) @ bends
-
-
-def _checked(covariance: np.ndarray, joints: int) -> Any:
-    size = 3 * joints
-    if covariance.dtype not in (np.float32, np.float64) or covariance.shape != (size, size):
-        raise ValueError(f"a covariance {covariance.dtype}{covariance.shape} of {joints} joints")
-    if not np.isfinite(covariance).all():
-        raise ValueError("a covariance that is not finite")
-    return jnp.asarray(covariance)
