@@ -150,6 +150,9 @@ ILL_CONDITIONED = {
     "stiff": {"quotients": "digits are lost as the condition of P, as documented"},
     "stiff float32": dict.fromkeys(("gradients", "jit", "vmap"), "... that is 1 / eps: none left"),
 }
+PAST_LGS = {
+    "stiff float32": {"gradients": "lam sigma = 1e6 is more than lgs holds there, as documented"}
+}
 FAR_APART = {"far float32": {"gradients": "differences of numbers a million in size"}}
 NO_DIRECTION = {
     name: {"quotients": "a joint that does not move has no direction to exceed"}
@@ -324,6 +327,12 @@ RECIPES = {
     ),
     "smoothing.smooth_quaternions[rotvec]": recipe(
         lambda f, c: f(c.q, c.lam, c.sigma, method="rotvec"), smoothed_rotations, cases=AT_PI
+    ),
+    "smoothing.student_stiffness": recipe(
+        lambda f, c: f(c.p, c.lam, c.sigma, 4.0), smoothed_positions, cases=PAST_LGS
+    ),
+    "smoothing.student_stiffness[motion]": recipe(
+        lambda f, c: f(c.motion, c.lam, c.sigma, 4.0), smoothed_rotations, cases=PAST_LGS
     ),
     "smoothing.suggest_keys": recipe(
         lambda f, c: f(smoothing.lgs(c.p, c.lam, c.sigma, weights=c.weights), 1).variance, weighted

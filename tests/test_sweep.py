@@ -73,6 +73,8 @@ SLOW = {
     "smoothing.lgs[parallel]",
     "smoothing.outlier_weights",
     "smoothing.outlier_weights[motion]",
+    "smoothing.student_stiffness",
+    "smoothing.student_stiffness[motion]",
     "smoothing.suggest_keys",
     "smoothing.tune",
     "smoothing.tune[motion]",

@@ -16,6 +16,7 @@ from jaxmotion.smoothing.outliers import outlier_weights
 from jaxmotion.smoothing.removal import Removal, removed
 from jaxmotion.smoothing.rotations import smooth_motion, smooth_quaternions
 from jaxmotion.smoothing.streaming import StreamingSmoother, StreamState
+from jaxmotion.smoothing.student import student_stiffness
 from jaxmotion.smoothing.tuning import MotionTuning, Tuning, tune
 from jaxmotion.smoothing.windowed import windowed_lgs
 
@@ -45,6 +46,7 @@ __all__ = [
     "removed",
     "smooth_motion",
     "smooth_quaternions",
+    "student_stiffness",
     "suggest_keys",
     "tune",
     "windowed_lgs",

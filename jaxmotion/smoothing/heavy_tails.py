@@ -108,15 +108,9 @@ def settle(
     every = jnp.ones_like(learnable)
     nothing = Told(0 * every, every)
     _, (_, rough) = evaluate(grid[0] * every, jnp.ones((frames, len(every)), every.dtype), nothing)
-    known = _known(jnp.any(rough.readings > 0, axis=-1)) & (learnable > 0)
+    known = known_bends(rough) & (learnable > 0)
     channels = rough.mean.shape[-1]
-    bends = _squared_bends(rough)
-    usual = jnp.nanmedian(jnp.where(known, bends, jnp.nan), axis=0)
-    # Rounding of the data bends as well: what is usual is no less.
-    rounding = (8 * float(jnp.finfo(bends.dtype).eps)) ** 2
-    usual = jnp.maximum(usual, rounding * jnp.max(jnp.sum(rough.mean**2, axis=-1), axis=0))
-    z = channels * bends / jnp.where(known, usual, 1)
-    first = _tails(z, _DOF * every, known, channels)
+    first = _tails(usual_bends(rough, known), _DOF * every, known, channels)
 
     def look(state, k):
         search, tails = state
@@ -144,8 +138,7 @@ def settle(
         )
 
         def learned():
-            loose = jnp.sum(jnp.broadcast_to(post.bend_variance, post.mean[2:].shape), axis=-1)
-            z = unit * jnp.exp(2 * search.s) * (_squared_bends(post) / variance + loose)
+            z = unit * jnp.exp(2 * search.s) * expected_bends(post, variance)
             return _tails(z, tails.dof, known, channels)
 
         after = jax.lax.cond(on_grid, lambda: tails, learned)
@@ -175,10 +168,27 @@ def no_bends(learnable: Float[Array, " group"], frames: int) -> Tails:
     )
 
 
-def _known(seen: Bool[Array, "frames group"]) -> Bool[Array, "bends group"]:
+def known_bends(post: Posterior) -> Bool[Array, "bends group"]:
     """Which bends the data tell of: at a frame that is seen, between others that are."""
+    seen = jnp.any(post.readings > 0, axis=-1)
     since, until = last_before(seen) >= 0, next_after(seen) < len(seen)
     return since[:-2] & seen[1:-1] & until[2:]
+
+
+def usual_bends(rough: Posterior, known: Bool[Array, "bends group"]) -> Float[Array, "bends group"]:
+    """z to begin with: ‖x″‖² over its median, which counts as C."""
+    bends = _squared_bends(rough)
+    usual = jnp.nanmedian(jnp.where(known, bends, jnp.nan), axis=0)
+    # Rounding of the data bends as well: what is usual is no less.
+    rounding = (8 * float(jnp.finfo(bends.dtype).eps)) ** 2
+    usual = jnp.maximum(usual, rounding * jnp.max(jnp.sum(rough.mean**2, axis=-1), axis=0))
+    return rough.mean.shape[-1] * bends / jnp.where(known & (usual > 0), usual, 1)
+
+
+def expected_bends(post: Posterior, variance: Array | float = 1.0) -> Float[Array, "bends group"]:
+    """E ‖x″‖² over ``variance``, which the smoother's own is a multiple of already."""
+    loose = jnp.sum(jnp.broadcast_to(post.bend_variance, post.mean[2:].shape), axis=-1)
+    return _squared_bends(post) / variance + loose
 
 
 def _squared_bends(post: Posterior) -> Float[Array, "bends group"]:

@@ -213,8 +213,8 @@ def lgs(
     one_of("scale", scale, ("half", "unit"))
     shared = np.ndim(lam) == 0 and np.ndim(sigma) == 0
     shared = shared and all(x is None or np.ndim(x) == 1 for x in (weights, stiffness))
-    lam = _checked_parameter("lam", lam, channels, y.dtype)
-    sigma = _checked_parameter("sigma", sigma, channels, y.dtype)
+    lam = checked_parameter("lam", lam, channels, y.dtype)
+    sigma = checked_parameter("sigma", sigma, channels, y.dtype)
     seen, faults = observe(index, num_frames, weights, y.shape, y.dtype, null_space=order)
     check_finite("y", given, weights)
     if stiffness is not None:
@@ -356,7 +356,7 @@ def checked_stiffness(
     return value
 
 
-def _checked_parameter(
+def checked_parameter(
     name: str, value: ArrayLike, channels: tuple[int, ...], dtype: jnp.dtype
 ) -> Array:
     """``value`` as an array with one axis for each channel axis."""

@@ -17,7 +17,7 @@ one loop of 18 looks, O(N) each, so that the smoother is compiled once. With ``p
 second differences have heavy tails, learned along with λ and σ (:mod:`.heavy_tails`): a stiffness
 by frame tells sudden moves from noise. The result is a constant: no gradient passes through
 ``tune`` (to tune by a loss of your own, differentiate the smoother with respect to λ and σ, and by
-frame to its ``stiffness`` and ``weights``).
+frame to its ``stiffness`` and ``weights``; through the tails :func:`.student_stiffness` leads).
 
 Craven & Wahba 1979 (GCV); Patterson & Thompson 1971 (restricted likelihood); Eom et al. 2019, §6.2
 names the choice of λ as future work.
@@ -55,6 +55,8 @@ _STEP = math.log(10.0)
 _GRID = _STEP * np.arange(-2.0, 6.0)
 _BISECTIONS = 9
 _FOLDS = 5
+# Noise leaves a quaternion's length as it is, so that one of its four components has none.
+NOISY_SHARE = math.sqrt(4 / 3)
 
 
 class Tuning(Portable):
@@ -147,9 +149,7 @@ def tune_clip(
     weights = None if weights is None else jnp.asarray(weights, motion.dtype)
     components = to_components(motion.rotations, weights, index)
     turning = tune_signal(components, weights=weights, share=True, **options)
-    # Noise leaves a quaternion's length as it is, so that one of its four components has none.
-    share = math.sqrt(4 / 3)
-    lam, sigma = turning.lam / share ** (3 - order), turning.sigma * share
+    lam, sigma = turning.lam / NOISY_SHARE ** (3 - order), turning.sigma * NOISY_SHARE
     turning = replace(turning, lam=lam, sigma=sigma)
     moved = np.asarray(motion.translated_joints, int)
     of_joints = jax.tree.map(jnp.ones_like, turning)
