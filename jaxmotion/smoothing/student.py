@@ -155,8 +155,8 @@ def _stiffness(problem: _Problem, start: Array | None, frames: int, scale: str) 
     unit = 0.25 if scale == "half" else 1.0
 
     def spread(w: Array) -> Array:
-        """Stiffness of all frames from log u of the bends."""
-        return jnp.exp(0.5 * jnp.pad(w, ((1, 1), (0, 0))))
+        """Stiffness of all frames from log u of the bends, of which unknown ones have no say."""
+        return jnp.exp(0.5 * jnp.pad(jnp.where(known, w, 0), ((1, 1), (0, 0))))
 
     def expected(w: Array, problem: _Problem) -> Array:
         """ν + z."""
