@@ -37,7 +37,8 @@ from jaxmotion.smoothing.heavy_tails import expected_bends, known_bends, usual_b
 from jaxmotion.smoothing.lgs import Posterior, checked_parameter, checked_stiffness, lgs
 from jaxmotion.smoothing.tuning import NOISY_SHARE
 
-_CYCLES = 300
+_CYCLES, _PATIENCE = 300, 80
+_ROUNDING = 8192  # of eps
 _FARTHEST = 2.0  # how far a step of log u is drawn out
 _CONJUGATE = 300
 _ROUGH = 0.01  # λσ that leaves the data as they are
@@ -180,7 +181,7 @@ def _stiffness(problem: _Problem, start: Array | None, frames: int, scale: str) 
         "too small for the dtype"
     )
     positive = jnp.all((frozen.dof > 0) & jnp.isfinite(frozen.dof))
-    ended = change <= _tolerance(found.dtype)
+    ended = change <= float(jnp.finfo(found.dtype).eps) ** 0.4
     faults = [(~positive, "dof must be positive"), (~ended, message)]
     found = raise_faults(found, faults)
 
@@ -196,21 +197,19 @@ def _stiffness(problem: _Problem, start: Array | None, frames: int, scale: str) 
     return spread(lax.custom_root(unbalanced, found, lambda _, w: w, tangent_solve))
 
 
-def _tolerance(dtype: jnp.dtype) -> float:
-    return 8192 * float(jnp.finfo(dtype).eps)
-
-
 def _climbed(
     ahead: Callable[[Array], Array], w: Float[Array, "bends group"]
 ) -> tuple[Float[Array, "bends group"], Float[Array, ""]]:
-    """Where ``ahead`` leads to, and how far its last step went."""
+    """Where ``ahead`` leads to, and the least that a step went: it ends where steps are rounding,
+    or have not become shorter for a while."""
+    rounding = _ROUNDING * float(jnp.finfo(w.dtype).eps)
 
     def moving(state):
-        k, _, change = state
-        return (k < _CYCLES) & ~(change <= _tolerance(w.dtype))
+        k, shorter, _, least = state
+        return (k < _CYCLES) & (k - shorter < _PATIENCE) & ~(least <= rounding)
 
     def cycle(state):
-        k, w, _ = state
+        k, shorter, w, least = state
         one = ahead(w)
         two = ahead(one)
         step, turn = one - w, (two - one) - (one - w)
@@ -220,8 +219,10 @@ def _climbed(
         drawn = jnp.clip(drawn, two - _FARTHEST, two + _FARTHEST)
         three = ahead(drawn)
         better = safe_norm(three - drawn, axis=0) < size
-        return k + 1, jnp.where(better, three, two), jnp.max(jnp.abs(two - one))
+        change = jnp.max(jnp.abs(two - one))
+        shorter = jnp.where(change < least, k, shorter)
+        return k + 1, shorter, jnp.where(better, three, two), jnp.minimum(change, least)
 
-    start = 0, w, jnp.asarray(jnp.inf, w.dtype)
-    _, w, change = lax.while_loop(moving, cycle, start)
-    return w, change
+    start = 0, jnp.zeros((), int), w, jnp.asarray(jnp.inf, w.dtype)
+    _, _, w, least = lax.while_loop(moving, cycle, start)
+    return w, least
