@@ -42,6 +42,7 @@ _MODULES = (
     "samples",
     "smoothing",
     "spacetime",
+    "style",
     "timing",
     "viz",
 )
@@ -86,6 +87,7 @@ if TYPE_CHECKING:
         samples,
         smoothing,
         spacetime,
+        style,
         timing,
         viz,
     )
@@ -142,6 +144,7 @@ __all__ = [
     "smoothing",
     "spacetime",
     "stack",
+    "style",
     "stylize",
     "synthesize",
     "time_warp",

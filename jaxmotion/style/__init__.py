@@ -1,0 +1,20 @@
+"""The manner of a motion: taken, kept, mixed, measured, and given to another motion.
+
+Its modules are the library's own; ``root``, ``carry`` and ``correspondence`` hold nothing that is
+public.
+"""
+
+from jaxmotion.style.distance import style_distance
+from jaxmotion.style.statistics import MotionStyle, interpolate, motion_style
+from jaxmotion.style.transfer import StyleReport, StyleTransfer, apply_style, transfer_style
+
+__all__ = [
+    "MotionStyle",
+    "StyleReport",
+    "StyleTransfer",
+    "apply_style",
+    "interpolate",
+    "motion_style",
+    "style_distance",
+    "transfer_style",
+]
