@@ -110,7 +110,11 @@ def test_derivatives():
         return style.mean, style.covariance, style.root_mean, style.root_deviation
 
     check_gradients(
-        jax.jit(numbers), jnp.asarray(motion.rotations), jnp.asarray(motion.translations), rtol=1e-5
+        jax.jit(numbers),
+        jnp.asarray(motion.rotations),
+        jnp.asarray(motion.translations),
+        rtol=1e-5,
+        eps=1e-6,
     )
 
 
