@@ -18,8 +18,9 @@ def series_switch(dtype) -> float:
     return float(jnp.finfo(dtype).eps) ** (1.0 / 3.0)
 
 
-def safe_sqrt(x: Float[AnyArray, "..."], floor: float = 0.0) -> Float[Array, "..."]:
-    """√x for x ≥ 0 with value and derivative 0, not infinity, where x ≤ ``floor``; NaN of NaN."""
+def safe_sqrt(x: Float[AnyArray, "..."], floor: float | Array = 0.0) -> Float[Array, "..."]:
+    """√x for x ≥ 0 with value and derivative 0, not infinity, where x ≤ ``floor`` (a number, or
+    one for each of x); NaN of NaN."""
     flat = x <= floor
     return jnp.where(flat, 0.0, jnp.sqrt(jnp.where(flat, 1.0, x)))
 

@@ -33,6 +33,7 @@ from jaxmotion import (
     samples,
     smoothing,
     spacetime,
+    style,
     timing,
 )
 from jaxmotion._asf_bone import AsfBone
@@ -189,6 +190,11 @@ _MAKERS: dict[str, Callable[[], Any]] = {
         *(zeros(FRAMES, n) for n in (4, 4, JOINTS)),
         *(zeros(), zeros(), zeros(dtype=np.int32), zeros(dtype=bool)),
     ),
+    "MotionStyle": lambda: style_of_motion(),
+    "StyleReport": lambda: style.StyleReport(*styled()),
+    "StyleTransfer": lambda: style.StyleTransfer(
+        *(motion(), None, style_of_motion(), style_of_motion(), style.StyleReport(*styled()))
+    ),
     "Alignment": lambda: timing.Alignment(
         motion(), zeros(FRAMES), zeros(40, 2, dtype=np.int32), zeros(dtype=np.int32), zeros()
     ),
@@ -216,6 +222,19 @@ _MAKERS: dict[str, Callable[[], Any]] = {
     "Gains": lambda: Gains(*(zeros(FRAMES, 1, 1) for _ in range(7))),
     "State": lambda: State(*(zeros(FRAMES, 1, 1) for _ in range(3))),
 }
+
+
+def style_of_motion() -> style.MotionStyle:
+    names = motion().skeleton.names
+    return style.MotionStyle(
+        names, zeros(JOINTS, 4), zeros(JOINTS, 3, 3), *(zeros(6),) * 2, zeros(3)
+    )
+
+
+def styled() -> tuple:
+    """The fields of a report."""
+    names = motion().skeleton.names
+    return names, zeros(JOINTS), zeros(JOINTS), zeros(JOINTS, dtype=bool), names[:2]
 
 
 def information() -> Information:

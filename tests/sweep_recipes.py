@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from jaxmotion import io, layers, multiresolution, quaternion, smoothing, timing
+from jaxmotion import io, layers, multiresolution, quaternion, smoothing, style, timing
 from jaxmotion.displacement import Displacement
 from jaxmotion.linalg import DifferenceChain, banded_factor, block_banded_factor, chain_factor
 from tests.sweep_cases import CASES, Case
@@ -149,6 +149,9 @@ NO_PAIRS = {"joint1": {"refused": "left/right|Left… and Right…"}}
 ILL_CONDITIONED = {
     "stiff": {"quotients": "digits are lost as the condition of P, as documented"},
     "stiff float32": dict.fromkeys(("gradients", "jit", "vmap"), "... that is 1 / eps: none left"),
+}
+ALL_BUT_HINGES = {
+    "quotients": "joints that turn about one axis bend the root of C more than a step spans"
 }
 PAST_LGS = {
     "stiff float32": {"gradients": "lam sigma = 1e6 is more than lgs holds there, as documented"}
@@ -343,6 +346,32 @@ RECIPES = {
     ),
     "smoothing.windowed_lgs": recipe(
         lambda f, c: f(c.p, c.lam, c.sigma, window=4), smoothed_positions
+    ),
+    "style.apply_style": recipe(
+        lambda f, c: f(c.motion, style.motion_style(c.other), keep_contacts=False),
+        both,
+        ALL_BUT_HINGES,
+    ),
+    "style.interpolate": recipe(
+        lambda f, c: f([style.motion_style(m) for m in (c.motion, c.other)], [0.3, 0.7]),
+        both,
+        ALL_BUT_HINGES,
+    ),
+    "style.motion_style": recipe(
+        lambda f, c: f(c.motion), cases={"still": {"quotients": "deviations have a corner at 0"}}
+    ),
+    "style.style_distance": recipe(
+        lambda f, c: f(c.motion, style.motion_style(c.other)), both, ALL_BUT_HINGES
+    ),
+    "style.transfer_style": recipe(
+        lambda f, c: f(c.motion, c.other, keep_contacts=False).motion, both, ALL_BUT_HINGES
+    ),
+    "style.transfer_style[covariance]": recipe(
+        lambda f, c: (
+            f(c.motion, c.other, deviation="covariance", mean="karcher", keep_contacts=False).motion
+        ),
+        both,
+        ALL_BUT_HINGES,
     ),
     "timing.align": recipe(lambda f, c: _alignment(f(c.motion, c.other)), both),
     "timing.bucket_size": untraced(lambda f, c: f(c.frames), STATIC),

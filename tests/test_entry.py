@@ -38,7 +38,10 @@ FRAME_BY_FRAME = BATCHED | {
     *(f"samples.{name}" for name in ("freeze_joints", "inject_errors", "offset_joints")),
     *(f"samples.{name}" for name in ("slide_root", "swap_limbs", "violate_limits")),
 }
-TAKE_BOTH = {"smoothing.tune", "smoothing.outlier_weights", "timing.pad_to_bucket"}
+TAKE_BOTH = {
+    *("smoothing.tune", "smoothing.outlier_weights", "smoothing.student_stiffness"),
+    "timing.pad_to_bucket",
+}
 OF_ARRAYS = ("quaternion.", "smoothing.", "timing.", "multiresolution.", "metrics.", "contacts.")
 
 

@@ -1,7 +1,7 @@
 """Linear algebra along time: banded systems and the chain behind the smoothers, all O(frames).
 
-Its modules are the library's own; ``pair_walk`` holds nothing that is public. The least-squares
-solvers load on first use: lineax and optimistix take a third of a second.
+Its modules are the library's own; ``pair_walk`` and ``symmetric`` hold nothing that is public. The
+least-squares solvers load on first use: lineax and optimistix take a third of a second.
 """
 
 from typing import TYPE_CHECKING

@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion import quaternion
+from jaxmotion._numerics import rounding_angle
 from jaxmotion._types import AnyArray, Quaternion, Vector3
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
@@ -83,6 +84,14 @@ def encode(motion: Motion, upright: Vector3) -> tuple[Float[Array, "time 6"], St
     level = _ground(motion)
     height = (position @ up - level)[:, None]
     return jnp.concatenate([rates, height, lean], axis=-1), Start(position[0], yaw[0], level)
+
+
+def rounding(motion: Motion) -> Float[Array, "6"]:
+    """What rounding alone may make of the channels."""
+    size = jnp.max(jnp.abs(motion.translations[:, body_of(motion)]))
+    rate = 1 / jnp.asarray(motion.frame_time)
+    one = jnp.ones_like(size)
+    return rounding_angle(size.dtype) * jnp.stack([size * rate, size * rate, rate, size, one, one])
 
 
 def decode(

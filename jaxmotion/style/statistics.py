@@ -15,7 +15,7 @@ roots √C, deviations and channel means are weighted sums; a deviation below 0 
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from os import PathLike
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, cast
 
 import equinox as eqx
 import jax
@@ -27,7 +27,7 @@ from jaxmotion import quaternion
 from jaxmotion._checks import instance_of, known, one_of, require
 from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
-from jaxmotion._numerics import angle_over_sine, safe_sqrt
+from jaxmotion._numerics import angle_over_sine, rounding_angle, safe_sqrt
 from jaxmotion._plain import quoted
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
@@ -36,7 +36,7 @@ from jaxmotion.io.atomic import atomic_write
 from jaxmotion.io.errors import MotionFileError
 from jaxmotion.linalg.symmetric import symmetric_function
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import CHANNELS, body_of, encode, upright
+from jaxmotion.style.root import CHANNELS, body_of, encode, rounding, upright
 
 Mean: TypeAlias = Literal["recursive", "karcher", "chordal"]
 MEANS = ("recursive", "karcher", "chordal")
@@ -68,7 +68,8 @@ class MotionStyle(Portable):
     @property
     def deviation(self) -> Float[Array, " joint"]:
         """σ of every joint in radians, f[J]."""
-        return safe_sqrt(jnp.trace(jnp.asarray(self.covariance), axis1=-2, axis2=-1))
+        squared = jnp.trace(jnp.asarray(self.covariance), axis1=-2, axis2=-1)
+        return safe_sqrt(squared, rounding_angle(squared.dtype) ** 2)
 
     def save(self, path: str | PathLike, *, overwrite: bool = True) -> None:
         """Write the style to an .npz file, whole or not at all; nothing is pickled.
@@ -159,11 +160,15 @@ def motion_style(
         ((22, 4), True)
     """
     one_of("motion_style: mean", mean, MEANS)
-    single = isinstance(motion, Motion)
-    clips = [motion] if single else list(motion)
+    several = isinstance(motion, Iterable) and not isinstance(motion, str | jax.Array | np.ndarray)
+    clips = list(cast(Iterable[Motion], motion)) if several else [cast(Motion, motion)]
     if not clips:
         raise ValueError("motion_style: no clips; expected one at least")
-    clips = [finite_clip("motion_style", clip, at_run_time=True) for clip in clips]
+    names = [f"motion[{k}]" for k in range(len(clips))] if several else ["motion"]
+    clips = [
+        finite_clip("motion_style", clip, name, at_run_time=True)
+        for clip, name in zip(clips, names, strict=True)
+    ]
     first = clips[0].skeleton
     for clip in clips[1:]:
         if clip.skeleton.names != first.names or clip.skeleton.up != first.up:
@@ -172,7 +177,7 @@ def motion_style(
                 f"clip's, {', '.join(map(quoted, first.names[:12]))}, {first.up} up"
             )
     sizes = [clip.num_frames for clip in clips]
-    wanted = (sizes[0],) if single else (len(clips),)
+    wanted = (len(clips),) if several else (sizes[0],)
     if weights is None:
         of_frames = [np.ones(size) for size in sizes]
     else:
@@ -183,7 +188,7 @@ def motion_style(
         message = "motion_style: weights must be 0 or more, and not all 0"
         clips[0] = require(clips[0], bad, message, got=weights)
         value = jnp.asarray(value)
-        parts = [value] if single else [value[k] / sizes[k] for k in range(len(sizes))]
+        parts = [value[k] / sizes[k] for k in range(len(sizes))] if several else [value]
         of_frames = [jnp.broadcast_to(w, (size,)) for w, size in zip(parts, sizes, strict=True)]
     return statistics(clips, of_frames, mean)
 
@@ -211,7 +216,8 @@ def statistics(
     rows = jnp.concatenate([encode(clip, stands)[0].astype(kind) for clip in clips])
     of_body = share[:, body_of(clips[0])]
     root_mean = of_body @ rows
-    spread = safe_sqrt(of_body @ (rows - root_mean) ** 2)
+    still = jnp.max(jnp.stack([rounding(clip).astype(kind) for clip in clips]), axis=0)
+    spread = safe_sqrt(of_body @ (rows - root_mean) ** 2, still**2)
     return MotionStyle(
         skeleton.names, middle, covariance, root_mean, spread, stands, up=skeleton.up
     )

@@ -171,7 +171,9 @@ def apply_style(
     as manner too. O(T·J).
 
     **Arguments:** ``motion``: one clip; ``style``: of :func:`~jaxmotion.style.motion_style`,
-    :func:`~jaxmotion.style.interpolate` or a file; the others: as :func:`transfer_style`.
+    :func:`~jaxmotion.style.interpolate` or a file; ``joints``, ``strength``, ``mean``,
+    ``deviation``, ``side``, ``root``, ``keep_contacts``, ``max_ratio``, ``match``: as
+    :func:`transfer_style`.
     **Returns:** a motion of the same frames and frame time.
     **Raises:** as :func:`transfer_style`; ``ValueError`` for another axis up.
 

@@ -12,7 +12,7 @@ from jaxmotion.cli import _app
 
 COMMANDS = (
     "align", "blend", "check", "contacts", "convert", "demo", "denoise", "info", "layers",
-    "multires", "prior", "retime", "stitch", "style",
+    "multires", "prior", "retime", "stitch", "style", "transfer",
 )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ import inspect
 import click
 import pytest
 
-from jaxmotion import contacts, layers, multiresolution, timing
+from jaxmotion import contacts, layers, multiresolution, style, timing
 from jaxmotion.cli._app import app
 from jaxmotion.cli._joining import Joining
 from jaxmotion.cli._options import Batch, FrameRange, Gain, Reading, Running, Selection
@@ -109,6 +109,7 @@ CALLS = {
     ),
     "stitch": ((multiresolution.stitch,), set()),
     "style": ((layers.stylize,), {"gain"}),
+    "transfer": ((style.transfer_style,), {"amount", "reference"}),
 }
 GROUPS = [Batch, Joining, Reading, Running, Selection]
 COMMON = {field for group in GROUPS for field in group.__dataclass_fields__} | {"range", "preset"}
@@ -143,6 +144,7 @@ def test_numbers_that_are_not_finite_are_usage_errors(jaxmotion, take, number):
     assert len(found) > 25
     for verb, option, before in found:
         files = {"align": [take] * 2, "blend": [take] * 3, "demo": []}.get(verb, [take])
+        files = [*files, "--reference", take] if verb == "transfer" else files
         out = [] if verb in ("check", "info", "demo") else ["-o", "out.npz"]
         told = jaxmotion(verb, *files, *out, option, before + number, code=2).stderr
         assert option in told, (verb, told)
