@@ -76,8 +76,8 @@ class StyleTransfer(Portable):
     report: StyleReport
 
     def _words(self):
-        yield repr(self.motion)
-        yield repr(self.report)
+        yield some(self.motion.num_frames, "frame")
+        yield from self.report._words()
 
 
 @static("joints", "mean", "deviation", "side", "warp", "root", "keep_contacts", "match")
