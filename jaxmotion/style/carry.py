@@ -81,8 +81,8 @@ def _root_ratio(
     larger of the two."""
     mine, theirs = jnp.asarray(own.root_deviation), jnp.asarray(goal.root_deviation)
     size = jnp.maximum(abs(own.root_mean) + mine, abs(goal.root_mean) + theirs)
-    least = jnp.maximum(STILL * size, float(jnp.finfo(mine.dtype).tiny))
-    found = theirs / jnp.maximum(mine, least)
+    nothing = size < float(jnp.finfo(mine.dtype).tiny) ** 0.25
+    found = theirs / jnp.where(nothing, 1, jnp.maximum(mine, STILL * size))
     return found if cap is None else jnp.minimum(found, cap)
 
 

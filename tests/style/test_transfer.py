@@ -146,6 +146,24 @@ def test_still_joints(deviation):
 
 
 @pytest.mark.parametrize("deviation", ["scalar", "covariance"])
+def test_still_bodies_have_finite_derivatives(deviation):
+    single = swaying(9, frames=1)
+    still = single.with_transforms(
+        np.repeat(single.translations, 6, 0), np.repeat(single.rotations, 6, 0)
+    )
+
+    def total(q, place, reference):
+        clip = still.with_transforms(place, q)
+        found = transfer(clip, reference, deviation=deviation, warp=None).motion
+        return jnp.sum(found.rotations[..., 1]) + jnp.sum(found.translations)
+
+    slope = jax.jit(jax.grad(total, (0, 1)))
+    for reference in (still, swaying(10)):
+        for x in slope(jnp.asarray(still.rotations), jnp.asarray(still.translations), reference):
+            assert jnp.isfinite(x).all()
+
+
+@pytest.mark.parametrize("deviation", ["scalar", "covariance"])
 @pytest.mark.parametrize("warp", ["shared", "per_channel", None])
 def test_itself_is_itself(deviation, warp):
     motion = swaying(11)
