@@ -192,6 +192,7 @@ _MAKERS: dict[str, Callable[[], Any]] = {
     ),
     "MotionStyle": lambda: style_of_motion(),
     "StyleReport": lambda: style.StyleReport(*styled()),
+    "StyleSegment": lambda: style.StyleSegment(120, 250, 3.2),
     "StyleTransfer": lambda: style.StyleTransfer(
         *(motion(), None, style_of_motion(), style_of_motion(), style.StyleReport(*styled()))
     ),

@@ -498,6 +498,7 @@ EXCEPTIONS = {
     "samples.names": "a list of names",
     "smoothing.bridged": "a list about concrete clips, in NumPy",
     "smoothing.motion_prior": "learned on the host from clips of any length",
+    "style.segment_styles": "a list about concrete clips, in NumPy",
     "smoothing.removed": "a list about concrete clips, in NumPy",
     "viz.plot_alignment": "a picture",
     "viz.plot_contacts": "a picture",

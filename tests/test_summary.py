@@ -61,6 +61,7 @@ TUPLES = (
     "Bridge",
     "Removal",
     "Interval",
+    "StyleSegment",
     "ContactScores",
     "Knowledge",
     "Information",
