@@ -19,14 +19,16 @@ between two neighbouring seconds gains something everywhere, and few of these cu
 O(T) for the sums; O(K²) for K ≤ 256 places where a cut may be. NumPy, on the host.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from jaxmotion import quaternion
-from jaxmotion._checks import one_number, traced
+from jaxmotion._checks import one_number, static, traced
 from jaxmotion._entry import finite_clip
+from jaxmotion._summary import brief, line
 from jaxmotion._types import ScalarLike
 from jaxmotion.motion import Motion
 from jaxmotion.style.root import body_of, encode, upright
@@ -51,7 +53,15 @@ class StyleSegment(NamedTuple):
     end: int
     gain: float
 
+    def __repr__(self) -> str:
+        return line(self, self._words)
 
+    def _words(self) -> Iterator[str]:
+        yield f"motion[{brief(self.start)}:{brief(self.end)}]"
+        yield f"gain {brief(self.gain)}"
+
+
+@static("max_segments")
 def segment_styles(
     motion: Motion, *, max_segments: int = 8, shortest: ScalarLike = 1.0
 ) -> tuple[StyleSegment, ...]:
@@ -79,7 +89,7 @@ def segment_styles(
         1
     """
     finite_clip("segment_styles", motion, on_host=True)
-    if traced(motion, max_segments, shortest):
+    if traced(motion, shortest):
         raise TypeError("segment_styles: segments are a list; call it outside of jit")
     if not (isinstance(max_segments, (int, np.integer)) and max_segments >= 1):
         raise ValueError(f"segment_styles: max_segments={max_segments}; want a number of 1 or more")
