@@ -70,6 +70,7 @@ def test_turns_past_half_a_circle_do_not_jump():
     q[30:] *= -1  # as a file may have it
     v = deviations(jnp.array([[1.0, 0, 0, 0]]), q)
     np.testing.assert_allclose(v[:, 0, 2], angle, atol=1e-12)
+    np.testing.assert_allclose(deviations(jnp.array([[1.0, 0, 0, 0]]), -q), v, atol=1e-12)
     assert np.isfinite(jax.jacobian(lambda q: deviations(jnp.array([[1.0, 0, 0, 0]]), q))(q)).all()
     whole = quaternions(Rotation.from_rotvec(np.array([[0.0, 0, 3], [0, 0, 2 * np.pi]])))[:, None]
     np.testing.assert_allclose(deviations(jnp.array([[1.0, 0, 0, 0]]), whole)[1], 0, atol=1e-6)
