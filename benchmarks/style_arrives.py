@@ -40,7 +40,6 @@ from scipy.spatial.transform import Rotation
 import jaxmotion as jm
 from jaxmotion.style.root import body_of, encode, upright
 
-ACTIONS = ("walk", "walk-left", "walk-right")
 WINDOW, HOP = 30, 15
 FRAMES = 128
 WIDTHS = (1.0, 2.0, 4.0, 8.0)

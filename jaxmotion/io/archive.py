@@ -7,9 +7,12 @@ arrays that nobody asked for (of any kind) do no harm.
 """
 
 import io
+import json
 import math
 import sys
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
 from typing import IO
@@ -89,6 +92,32 @@ class Archive:
                 expected=f"numbers that are finite in {array.dtype}",
             )
         return array
+
+    def texts(self, name: str) -> tuple[str, ...]:
+        """The texts that were kept as one JSON text called ``name``."""
+        texts = json.loads(str(self.read(name, "names as JSON text")))
+        if not all(isinstance(text, str) for text in texts):
+            raise ValueError("names that are no texts")
+        return tuple(texts)
+
+    @contextmanager
+    def kept(self, writer: str, mark: str, version: int) -> Iterator[None]:
+        """For reading what ``writer`` wrote, which left its ``mark`` and ``version``: whatever does
+        not fit inside is a :class:`MotionFileError`."""
+        found = self.read(mark, f"what {writer} wrote")
+        try:
+            if int(found) != version:
+                raise ValueError(f"version {found}")
+            yield
+        except MotionFileError:
+            raise
+        except (TypeError, ValueError, RecursionError) as error:
+            raise MotionFileError(
+                self.path,
+                f"fields that do not fit together ({error})",
+                expected=f"what {writer} wrote",
+                hint="make the file again",
+            ) from error
 
     def _read(self, name: str) -> np.ndarray:
         with zipfile.ZipFile(self.path) as archive:

@@ -43,7 +43,7 @@ from jaxmotion.frames.runs import last_before, next_after
 from jaxmotion.smoothing.lgs import Posterior
 
 _LEAST, _MOST = 1.0, 100.0  # degrees of freedom
-_DOF = 2.0  # to begin with
+DOF = 2.0  # to begin with
 _HALVINGS = 12
 _STEPS = 14
 _FEW = 4  # groups that can tell each other anything
@@ -110,7 +110,7 @@ def settle(
     _, (_, rough) = evaluate(grid[0] * every, jnp.ones((frames, len(every)), every.dtype), nothing)
     known = known_bends(rough) & (learnable > 0)
     channels = rough.mean.shape[-1]
-    first = _tails(usual_bends(rough, known), _DOF * every, known, channels)
+    first = _tails(usual_bends(rough, known), DOF * every, known, channels)
 
     def look(state, k):
         search, tails = state

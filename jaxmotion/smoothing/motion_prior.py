@@ -28,7 +28,6 @@ from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray
 from jaxmotion.io.archive import Archive, write_archive
 from jaxmotion.io.atomic import atomic_write
-from jaxmotion.io.errors import MotionFileError
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 
@@ -94,27 +93,13 @@ class MotionPrior(Portable):
         for one that cannot be opened.
         """
         archive = Archive(path)
-        version = archive.read(MARK, "a prior that MotionPrior.save wrote")
-        try:
-            if int(version) != _VERSION:
-                raise ValueError(f"version {version}")
-            joints = json.loads(str(archive.read("joints", "names as JSON text")))
+        with archive.kept("MotionPrior.save", MARK, _VERSION):
+            joints = archive.texts("joints")
             covariance = archive.floats("covariance")
-            if not all(isinstance(name, str) for name in joints):
-                raise ValueError("names that are no texts")
             if covariance.shape != (3 * len(joints), 3 * len(joints)):
                 raise ValueError(f"a covariance {covariance.shape} of {len(joints)} joints")
             frames = int(archive.read("frames", "a whole number"))
-            return cls(tuple(joints), jnp.asarray(covariance), frames)
-        except MotionFileError:
-            raise
-        except (TypeError, ValueError, RecursionError) as error:
-            raise MotionFileError(
-                path,
-                f"fields that do not fit together ({error})",
-                expected="what MotionPrior.save wrote",
-                hint="learn the prior again",
-            ) from error
+            return cls(joints, jnp.asarray(covariance), frames)
 
     def _words(self) -> Iterator[str]:
         yield f"{len(self.joints)} joints"

@@ -33,7 +33,7 @@ from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
 from jaxmotion.smoothing.design import check_known, frame_count
-from jaxmotion.smoothing.heavy_tails import expected_bends, known_bends, usual_bends
+from jaxmotion.smoothing.heavy_tails import DOF, expected_bends, known_bends, usual_bends
 from jaxmotion.smoothing.lgs import Posterior, checked_parameter, checked_stiffness, lgs
 from jaxmotion.smoothing.tuning import NOISY_SHARE
 
@@ -42,7 +42,6 @@ _ROUNDING = 8192  # of eps
 _FARTHEST = 2.0  # how far a step of log u is drawn out
 _CONJUGATE = 300
 _ROUGH = 0.01  # λσ that leaves the data as they are
-_DOF = 2.0  # to begin with, as in heavy_tails
 
 
 class _Problem(NamedTuple):
@@ -172,7 +171,7 @@ def _stiffness(problem: _Problem, start: Array | None, frames: int, scale: str) 
         return jnp.where(known, balance, w)
 
     if start is None:
-        first = jnp.log((_DOF + channels) / (_DOF + usual_bends(rough, known)))
+        first = jnp.log((DOF + channels) / (DOF + usual_bends(rough, known)))
     else:
         first = 2 * jnp.log(lax.stop_gradient(start)[1:-1])
     found, change = _climbed(ahead, jnp.where(known, first, 0))

@@ -24,11 +24,10 @@ from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_sqrt
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import body_of
+from jaxmotion.style.root import HEIGHT, body_of
 from jaxmotion.style.statistics import MEANS, Mean, MotionStyle, square_root, statistics
 from jaxmotion.style.transfer import matched, selected
 
-_HEIGHT = 3  # of the channels
 _BODY_LENGTHS = np.array([True, True, False, True, False, False])
 
 
@@ -104,8 +103,8 @@ def _distance(
         spread = square_root(own.covariance[mine]) - square_root(style.covariance[other])
         total += (jnp.sum(apart**2) + jnp.sum(spread**2)) / len(joints)
     if root:
-        height = jnp.abs(style.root_mean[_HEIGHT])
-        unit = jnp.where(_BODY_LENGTHS & (height > 0), jnp.where(height > 0, height, 1), 1)
+        height = jnp.abs(style.root_mean[HEIGHT])
+        unit = jnp.where(_BODY_LENGTHS & (height > 0), height, 1)
         middle = (own.root_mean - style.root_mean) / unit
         spread = (own.root_deviation - style.root_deviation) / unit
         total += jnp.mean(middle**2 + spread**2)

@@ -32,6 +32,7 @@ from jaxmotion.motion import Motion
 from jaxmotion.quaternion.arcs import shortest_arc, twist
 
 CHANNELS = ("ahead", "aside", "yaw rate", "height", "lean ahead", "lean aside")
+HEIGHT = CHANNELS.index("height")
 _LOWEST = 0.1
 
 

@@ -31,7 +31,7 @@ from jaxmotion._entry import finite_clip
 from jaxmotion._summary import brief, line
 from jaxmotion._types import ScalarLike
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import body_of, encode, upright
+from jaxmotion.style.root import HEIGHT, body_of, encode, upright
 from jaxmotion.style.statistics import deviations
 
 _PARTS, _SHARE = 8, 0.95
@@ -39,7 +39,6 @@ _PLACES = 256
 _OVER = 5.0  # median gains
 _SOFT = 0.01  # of the clip's variance
 _FAR = 6.0  # deviations
-_HEIGHT = 3  # of the body's channels
 
 
 class StyleSegment(NamedTuple):
@@ -124,8 +123,8 @@ def _features(motion: Motion) -> Float[np.ndarray, "time feature"]:
     middle = quaternion.mean(motion.rotations, method="chordal")
     away = np.asarray(deviations(middle, motion.rotations), np.float64)[:, body + 1 :]
     channels = np.array(encode(motion, upright(motion))[0], np.float64)
-    channels[:, :2] /= max(abs(channels[:, _HEIGHT].mean()), np.finfo(np.float64).tiny)
-    path = np.delete(channels, _HEIGHT, axis=1)
+    channels[:, :2] /= max(abs(channels[:, HEIGHT].mean()), np.finfo(np.float64).tiny)
+    path = np.delete(channels, HEIGHT, axis=1)
     x = np.concatenate([away.reshape(len(away), -1), path], axis=1)
     # A jump of the place, as where clips were joined, is no manner.
     middle = np.median(x, axis=0)

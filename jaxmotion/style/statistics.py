@@ -33,7 +33,6 @@ from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
 from jaxmotion.io.archive import Archive, write_archive
 from jaxmotion.io.atomic import atomic_write
-from jaxmotion.io.errors import MotionFileError
 from jaxmotion.linalg.symmetric import symmetric_function
 from jaxmotion.motion import Motion
 from jaxmotion.style.root import CHANNELS, body_of, encode, rounding, upright
@@ -97,13 +96,8 @@ class MotionStyle(Portable):
         for one that cannot be opened.
         """
         archive = Archive(path)
-        version = archive.read(MARK, "a style that MotionStyle.save wrote")
-        try:
-            if int(version) != _VERSION:
-                raise ValueError(f"version {version}")
-            joints = json.loads(str(archive.read("joints", "names as JSON text")))
-            if not all(isinstance(name, str) for name in joints):
-                raise ValueError("names that are no texts")
+        with archive.kept("MotionStyle.save", MARK, _VERSION):
+            joints = archive.texts("joints")
             up = str(archive.read("up", "a letter"))
             if up not in ("x", "y", "z"):
                 raise ValueError(f"up={quoted(up)}")
@@ -112,16 +106,7 @@ class MotionStyle(Portable):
                 wanted = tuple(len(joints) if n is None else n for n in shape)
                 if arrays[name].shape != wanted:
                     raise ValueError(f"{name} {arrays[name].shape} of {len(joints)} joints")
-            return cls(tuple(joints), **{k: jnp.asarray(x) for k, x in arrays.items()}, up=up)
-        except MotionFileError:
-            raise
-        except (TypeError, ValueError, RecursionError) as error:
-            raise MotionFileError(
-                path,
-                f"fields that do not fit together ({error})",
-                expected="what MotionStyle.save wrote",
-                hint="make the style again",
-            ) from error
+            return cls(joints, **{k: jnp.asarray(x) for k, x in arrays.items()}, up=up)
 
     def _words(self) -> Iterator[str]:
         yield f"{len(self.joints)} joints"
