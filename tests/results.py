@@ -228,14 +228,14 @@ _MAKERS: dict[str, Callable[[], Any]] = {
 def style_of_motion() -> style.MotionStyle:
     names = motion().skeleton.names
     return style.MotionStyle(
-        names, zeros(JOINTS, 4), zeros(JOINTS, 3, 3), *(zeros(6),) * 2, zeros(3)
+        names, zeros(JOINTS, 4), zeros(JOINTS, 3, 3), *(zeros(6),) * 2, zeros(3), zeros()
     )
 
 
 def styled() -> tuple:
     """The fields of a report."""
     names = motion().skeleton.names
-    return names, zeros(JOINTS), zeros(JOINTS), zeros(JOINTS, dtype=bool), names[:2]
+    return names, zeros(JOINTS), zeros(JOINTS), zeros(JOINTS, dtype=bool), zeros(), names[:2]
 
 
 def information() -> Information:

@@ -11,10 +11,14 @@ covariance each direction has its own ratio: a hinge stays a hinge. What is stil
 rad (0.06°; a direction's, with the covariance), counts as 0.001: there is nothing to scale but
 rounding. Ratios may be capped.
 
+With the tempo, time is stretched first, by ω̄_s/ω̄_r, and speeds of the source with it. Frames stay
+what they are: each lasts longer.
+
 The body stands on the floor it stood on: after all, the root is put as far up as the lowest joint
 has sunk, so that the mean height is that of a body in these poses. O(T·J).
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -23,10 +27,8 @@ from jaxmotion import quaternion
 from jaxmotion._types import AnyArray
 from jaxmotion.linalg.symmetric import symmetric_function
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import decode, encode
-from jaxmotion.style.statistics import MotionStyle, deviations, square_root
-
-STILL = 1e-3  # radians
+from jaxmotion.style.root import RATES, decode, encode
+from jaxmotion.style.statistics import STILL, MotionStyle, deviations, square_root
 
 
 def carried(
@@ -64,6 +66,21 @@ def carried(
     channels, start = encode(motion, goal.root_upright)
     channels = _root_ratio(own, goal, cap) * (channels - own.root_mean) + goal.root_mean
     return decode(channels, start, goal.root_upright, edited)
+
+
+def in_tempo(motion: Motion, own: MotionStyle, tempo: Array) -> tuple[Motion, MotionStyle, Array]:
+    """The motion and its own manner with time stretched to that tempo, and by how much; by 1 where
+    either is still."""
+    mine = jnp.asarray(own.tempo)
+    still = (mine <= 0) | (tempo <= 0)
+    longer = jnp.where(still, 1, mine / jnp.where(still, 1, tempo))
+    scale = jnp.where(RATES, 1 / longer, 1)
+    slower = eqx.tree_at(
+        lambda style: (style.root_mean, style.root_deviation, style.tempo),
+        own,
+        (scale * own.root_mean, scale * own.root_deviation, mine / longer),
+    )
+    return motion.replace(frame_time=motion.frame_time * longer), slower, longer
 
 
 def ratio(

@@ -33,6 +33,7 @@ from jaxmotion.quaternion.arcs import shortest_arc, twist
 
 CHANNELS = ("ahead", "aside", "yaw rate", "height", "lean ahead", "lean aside")
 HEIGHT = CHANNELS.index("height")
+RATES = np.arange(len(CHANNELS)) < HEIGHT  # those that are a second
 _LOWEST = 0.1
 
 

@@ -4,12 +4,16 @@
     C   Σ w v vᵀ / Σ w,  v = log(q̄⁻¹q)       3 × 3, in the mean's own frame
     σ   √tr C, the deviation, a full angle    the paper's is half of it
 
+    ω̄   √(Σ w |q̇|² / Σ σ²), the tempo         over all joints below the body's, radians a second
+                                              a radian: how fast they turn for how far they go
+
 and mean and deviation of the root's six channels (:mod:`.root`). v is the logarithm of rotations
 whose signs go on from frame to frame, so that a joint that turns past half a circle from its mean
 has no jump there; it reaches to a full turn.
 
 Between and beyond styles (:func:`interpolate`) means are the m with Σ w_i log(m⁻¹m_i) = 0, and
-roots √C, deviations and channel means are weighted sums; a deviation below 0 is 0. O(T·J).
+roots √C, deviations and channel means are weighted sums, a deviation below 0 is 0; tempos are
+weighted products. O(T·J).
 """
 
 import json
@@ -41,8 +45,9 @@ Mean: TypeAlias = Literal["recursive", "karcher", "chordal"]
 MEANS = ("recursive", "karcher", "chordal")
 
 MARK = "jaxmotion_motion_style"
-_VERSION = 1
+_VERSION = 2
 _STEPS = 16  # to the mean of several means
+STILL = 1e-3  # radians; what deviates less has nothing to scale but rounding
 _FULL_TURN = 1e-6  # sin² of half the angle, below which a turn past half is a whole one
 
 
@@ -53,7 +58,8 @@ class MotionStyle(Portable):
     squared, in each mean's own frame; ``root_mean``, ``root_deviation``: f[6] of the root's
     channels (velocity ahead and aside in length a second, yaw rate in radians a second, height
     above the ground, lean ahead and aside in radians); ``root_upright``: f[3], the root's axis that
-    points up; ``up``: the world's axis that does, static.
+    points up; ``tempo``: f[], how fast the joints turn for how far they go, 1/s (of a swing, 2π a
+    period), 0 where all are still; ``up``: the world's axis that points up, static.
     """
 
     joints: tuple[str, ...] = eqx.field(static=True)
@@ -62,6 +68,7 @@ class MotionStyle(Portable):
     root_mean: Float[AnyArray, "6"]
     root_deviation: Float[AnyArray, "6"]
     root_upright: Float[AnyArray, "3"]
+    tempo: Float[AnyArray, ""]
     up: str = eqx.field(static=True, default="y")
 
     @property
@@ -118,6 +125,7 @@ _ARRAYS: dict[str, tuple[int | None, ...]] = {
     "root_mean": (len(CHANNELS),),
     "root_deviation": (len(CHANNELS),),
     "root_upright": (3,),
+    "tempo": (),
 }
 
 
@@ -197,6 +205,8 @@ def statistics(
     share = w / jnp.sum(w, axis=0)
     v = jnp.concatenate([deviations(middle, clip.rotations.astype(kind)) for clip in clips])
     covariance = jnp.einsum("tj,tja,tjb->jab", share, v, v)
+    ends = np.cumsum([clip.num_frames for clip in clips])[:-1]
+    tempo = _tempo(clips, jnp.split(w, ends), covariance)
     stands = upright(clips[0]).astype(kind) if stands is None else stands
     rows = jnp.concatenate([encode(clip, stands)[0].astype(kind) for clip in clips])
     of_body = share[:, body_of(clips[0])]
@@ -204,8 +214,27 @@ def statistics(
     still = jnp.max(jnp.stack([rounding(clip).astype(kind) for clip in clips]), axis=0)
     spread = safe_sqrt(of_body @ (rows - root_mean) ** 2, still**2)
     return MotionStyle(
-        skeleton.names, middle, covariance, root_mean, spread, stands, up=skeleton.up
+        skeleton.names, middle, covariance, root_mean, spread, stands, tempo, up=skeleton.up
     )
+
+
+def _tempo(
+    clips: list[Motion], weights: list[Array], covariance: Float[Array, "joint 3 3"]
+) -> Float[Array, ""]:
+    """ω̄ of the module; a step counts as the frames at its ends do."""
+    squared, total = 0.0, 0.0
+    for clip, w in zip(clips, weights, strict=True):
+        q, pair = clip.rotations.astype(w.dtype), 0.5 * (w[1:] + w[:-1])
+        turn = quaternion.log(quaternion.between(q[:-1], q[1:]))
+        rate = 1 / jnp.asarray(clip.frame_time, w.dtype)
+        squared += jnp.sum(pair * jnp.sum(turn**2, axis=-1), axis=0) * rate**2
+        total += jnp.sum(pair, axis=0)
+    below = slice(body_of(clips[0]) + 1, None)
+    nothing = jnp.asarray(total) <= 0
+    fast = jnp.sum((squared / jnp.where(nothing, 1, total))[below])
+    far = jnp.sum(jnp.trace(covariance[below], axis1=-2, axis2=-1))
+    still = far <= STILL**2
+    return safe_sqrt(jnp.where(still, 0, fast / jnp.where(still, 1, far)))
 
 
 def deviations(mean: Quaternion, q: Quaternion) -> Float[Array, "time joint 3"]:
@@ -282,8 +311,15 @@ def mixed(styles: list[MotionStyle], share: Float[Array, " style"]) -> MotionSty
         share @ gathered.root_mean,
         jnp.maximum(share @ gathered.root_deviation, 0),
         styles[0].root_upright,
+        _weighted_product(gathered.tempo, share),
         up=styles[0].up,
     )
+
+
+def _weighted_product(tempo: Float[Array, " style"], share: Float[Array, " style"]) -> Array:
+    """The weighted product, 0 where one is still."""
+    still = jnp.any(tempo <= 0)
+    return jnp.where(still, 0, jnp.exp(share @ jnp.log(jnp.where(tempo > 0, tempo, 1))))
 
 
 def square_root(covariance: Float[AnyArray, "*batch 3 3"]) -> Float[Array, "*batch 3 3"]:

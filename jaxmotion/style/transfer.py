@@ -3,10 +3,11 @@
 Source and reference are set beside each other in time (:mod:`.correspondence`), their statistics
 taken (:mod:`.statistics`), and every joint of the source and its root get the reference's
 (:mod:`.carry`); then planted feet are put where they stand (``contacts.cleanup_footskate``). The
-result has the source's timing, place and contacts. O(T·J) but for the warp.
+result has the source's frames, place and contacts. O(T·J) but for the warp.
 
-What statistics carry is posture, how far joints and root go, how fast the body goes and turns. What
-they do not is timing within a cycle, and which joints move together: those are the source's.
+What statistics carry is posture, how far joints and root go, how fast the body goes and turns, and,
+if asked, how fast all of it is done. What they do not is timing within a cycle, and which joints
+move together: those are the source's.
 """
 
 from collections.abc import Sequence
@@ -30,10 +31,10 @@ from jaxmotion.contacts import Contacts, cleanup_footskate, detect, replant
 from jaxmotion.contacts.contact import check_kept
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
-from jaxmotion.style.carry import STILL, carried, ratio
+from jaxmotion.style.carry import carried, in_tempo, ratio
 from jaxmotion.style.correspondence import Warp, corresponding
 from jaxmotion.style.root import body_of, upright
-from jaxmotion.style.statistics import MEANS, Mean, MotionStyle, mixed, statistics
+from jaxmotion.style.statistics import MEANS, STILL, Mean, MotionStyle, mixed, statistics
 from jaxmotion.timing import MotionWarp
 
 Deviation: TypeAlias = Literal["scalar", "covariance"]
@@ -47,13 +48,15 @@ class StyleReport(Portable):
     **Fields:** ``joints``: J names, static; ``turned``: f[J], radians between the means of source
     and result; ``ratio``: f[J], what deviations were multiplied by (of "covariance" the ratio of
     the deviations); ``still``: bool[J], joints that the source holds still, so that no deviation
-    was there to be multiplied; ``left``: the joints that were left as they were, static.
+    was there to be multiplied; ``longer``: f[], what the frame time was multiplied by; ``left``:
+    the joints that were left as they were, static.
     """
 
     joints: tuple[str, ...] = eqx.field(static=True)
     turned: Float[Array, " joint"]
     ratio: Float[Array, " joint"]
     still: Bool[Array, " joint"]
+    longer: Float[Array, ""]
     left: tuple[str, ...] = eqx.field(static=True)
 
     def _words(self):
@@ -80,7 +83,7 @@ class StyleTransfer(Portable):
         yield from self.report._words()
 
 
-@static("joints", "mean", "deviation", "side", "warp", "root", "keep_contacts", "match")
+@static("joints", "mean", "deviation", "side", "warp", "root", "tempo", "keep_contacts", "match")
 def transfer_style(
     source: Motion,
     reference: Motion,
@@ -92,6 +95,7 @@ def transfer_style(
     side: Side = "right",
     warp: Warp | None = "shared",
     root: bool = True,
+    tempo: bool = False,
     keep_contacts: Contacts | bool = True,
     max_ratio: ScalarLike | None = None,
     match: Match = "skeleton",
@@ -115,13 +119,17 @@ def transfer_style(
     - ``warp``: "shared" for one warp of all joints, "per_channel" for one each, None for none: then
       every frame counts alike.
     - ``root``: whether the root's path and posture change too, if ``joints`` has it.
+    - ``tempo``: whether time is stretched so that joints turn as fast, for how far they go, as the
+      reference's: the same frames, of another frame time (:func:`jaxmotion.resample` brings them
+      back to a rate). Noise counts as speed: denoise both first.
     - ``keep_contacts``: True finds what touches in the source and lets it stand in the result; or
       contacts of the source (under ``jit`` only these); or False.
     - ``max_ratio``: the most that a deviation may be multiplied by, > 0.
     - ``match``: "names" changes the joints that the reference has by name, and leaves the others;
       "skeleton" wants the same joints.
 
-    **Returns:** :class:`StyleTransfer`; its motion has the source's frames and frame time.
+    **Returns:** :class:`StyleTransfer`; its motion has the source's frames and, without ``tempo``,
+    its frame time.
     **Raises:** ``ValueError`` for unknown options, skeletons that differ, patterns that match
     nothing, clips that are not finite (at run time where they are traced), and a cap that is not
     above 0.
@@ -140,7 +148,7 @@ def transfer_style(
     reference = finite_clip("transfer_style", reference, "reference", at_run_time=True)
     check_kept(source, keep_contacts, "transfer_style")
     theirs = matched("transfer_style", source.skeleton, reference.skeleton, match)
-    plan = _planned("transfer_style", source, theirs, joints, deviation, side, root)
+    plan = _planned("transfer_style", source, theirs, joints, deviation, side, root, tempo)
     one_of("transfer_style: mean", mean, MEANS)
     source, amount, cap = _amounts("transfer_style", source, strength, max_ratio)
     found, own, other = _compared(source, reference, theirs, mean, warp)
@@ -149,7 +157,7 @@ def transfer_style(
     return StyleTransfer(motion, found, own, goal, report)
 
 
-@static("joints", "mean", "deviation", "side", "root", "keep_contacts", "match")
+@static("joints", "mean", "deviation", "side", "root", "tempo", "keep_contacts", "match")
 def apply_style(
     motion: Motion,
     style: MotionStyle,
@@ -160,6 +168,7 @@ def apply_style(
     deviation: Deviation = "scalar",
     side: Side = "right",
     root: bool = True,
+    tempo: bool = False,
     keep_contacts: Contacts | bool = True,
     max_ratio: ScalarLike | None = None,
     match: Match = "skeleton",
@@ -172,9 +181,9 @@ def apply_style(
 
     **Arguments:** ``motion``: one clip; ``style``: of :func:`~jaxmotion.style.motion_style`,
     :func:`~jaxmotion.style.interpolate` or a file; ``joints``, ``strength``, ``mean``,
-    ``deviation``, ``side``, ``root``, ``keep_contacts``, ``max_ratio``, ``match``: as
+    ``deviation``, ``side``, ``root``, ``tempo``, ``keep_contacts``, ``max_ratio``, ``match``: as
     :func:`transfer_style`.
-    **Returns:** a motion of the same frames and frame time.
+    **Returns:** a motion of the same frames and, without ``tempo``, frame time.
     **Raises:** as :func:`transfer_style`; ``ValueError`` for another axis up.
 
     **Example:**
@@ -191,7 +200,7 @@ def apply_style(
     instance_of("apply_style: style", style, MotionStyle, wanted)
     check_kept(motion, keep_contacts, "apply_style")
     theirs = matched("apply_style", motion.skeleton, style, match)
-    plan = _planned("apply_style", motion, theirs, joints, deviation, side, root)
+    plan = _planned("apply_style", motion, theirs, joints, deviation, side, root, tempo)
     one_of("apply_style: mean", mean, MEANS)
     motion, amount, cap = _amounts("apply_style", motion, strength, max_ratio)
     kind = motion.dtype
@@ -207,6 +216,7 @@ class _Plan(NamedTuple):
 
     joints: tuple[bool, ...]
     root: bool
+    tempo: bool
     deviation: Deviation
     side: Side
 
@@ -254,13 +264,14 @@ def _planned(
     deviation: Deviation,
     side: Side,
     root: bool,
+    tempo: bool,
 ) -> _Plan:
     one_of(f"{caller}: deviation", deviation, ("scalar", "covariance"))
     one_of(f"{caller}: side", side, ("right", "left"))
     chosen = selected(motion.skeleton, joints) & (np.array(theirs) >= 0)
     body = body_of(motion)
     below = tuple(bool(on) and j > body for j, on in enumerate(chosen))
-    return _Plan(below, root and bool(chosen[body]), deviation, side)
+    return _Plan(below, root and bool(chosen[body]), tempo, deviation, side)
 
 
 def selected(skeleton: Skeleton, joints: str | Sequence[str] | None) -> Bool[np.ndarray, " joint"]:
@@ -293,14 +304,19 @@ def _compared(
     """How they go in time, and the manner of each, of its own joints."""
     kind = source.dtype
     reference = jax.tree.map(lambda x: x.astype(kind) if eqx.is_inexact_array(x) else x, reference)
+    clips, stands = (source, reference), upright(reference)
+    alike = [jnp.ones(clip.num_frames, kind) for clip in clips]
+    played = [statistics([c], [w], mean, stands) for c, w in zip(clips, alike, strict=True)]
     if warp is None:
-        found, sizes = None, (source.num_frames, reference.num_frames)
-        weights = [jnp.ones(size, kind) for size in sizes]
-    else:
-        found, *weights = corresponding(source, reference, theirs, warp)
-    stands = upright(reference)
-    own = statistics([source], weights[:1], mean, stands)
-    return found, own, statistics([reference], weights[1:], mean, stands)
+        return None, played[0], played[1]
+    found, *weights = corresponding(source, reference, theirs, warp)
+    styles = [statistics([c], [w], mean, stands) for c, w in zip(clips, weights, strict=True)]
+    # A warp bends time: the tempo is that of the clips as they are played.
+    own, other = (
+        eqx.tree_at(lambda style: style.tempo, style, plain.tempo)
+        for style, plain in zip(styles, played, strict=True)
+    )
+    return found, own, other
 
 
 @compiled
@@ -322,10 +338,14 @@ def _restyled(
         other.root_mean,
         other.root_deviation,
         other.root_upright,
+        other.tempo,
         up=own.up,
     )
     towards = mixed([own, goal], jnp.stack([1 - amount, amount]))
     chosen = np.array(plan.joints)
+    longer = jnp.ones_like(towards.tempo)
+    if plan.tempo:
+        motion, own, longer = in_tempo(motion, own, towards.tempo)
     edited = carried(
         motion, own, towards, joints=plan.joints, root=plan.root, deviation=plan.deviation,
         side=plan.side, cap=cap,
@@ -339,7 +359,7 @@ def _restyled(
         for j, name in enumerate(own.joints)
         if not (plan.joints[j] or (plan.root and j == body))
     )
-    return edited, goal, StyleReport(own.joints, turned, scaled, still, left)
+    return edited, goal, StyleReport(own.joints, turned, scaled, still, longer, left)
 
 
 def _planted(source: Motion, edited: Motion, keep_contacts: Contacts | bool, plan: _Plan) -> Motion:
