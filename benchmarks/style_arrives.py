@@ -1,12 +1,12 @@
 """Does the style arrive? A classifier that took no part in a transfer says whose the result is.
 
-    python benchmarks/style_arrives.py FOLDER
+    python benchmarks/style_arrives.py BANDAI XIA
 
-FOLDER holds Bandai Namco's clips, ``walk_tired_001.bvh``: what is done, its style, a number.
+BANDAI holds Bandai Namco's clips, ``walk_tired_001.bvh``: what is done, its style, a number; XIA
+holds one walk in each style, ``angry_13_000.bvh``. Both in folders of their own.
 
-Clips are cut at 128 frames, those that are shorter left out: one length is one compilation.
-
-Pairs: the source is a clip in the style "normal", the reference one of the same action in another;
+Bandai: clips are cut at 128 frames, those that are shorter left out: one length is one compilation.
+The source is a clip in the style "normal", the reference one of the same action in another;
 of ``walk`` with numbers 1 and 2, of ``walk-left`` with number 1. The classifier knows one-second
 windows, half overlapping, of clips that are neither: of all other clips of walk, walk-left and
 walk-right (for pairs of walk number 1: number 2 of walk, and so on). Features of a window, all in
@@ -15,12 +15,15 @@ velocity; the body's velocity and yaw rate. They are divided by their deviation 
 knows; a window is of the style whose mean window is nearest. Positions and velocities come from
 forward kinematics: they are not what is carried over, joint by joint.
 
+Xia: the source is the first half of "neutral", references are first halves of the others; the
+classifier knows half-second windows of the second halves. A step or two each: a glimpse, no more.
+
 Printed: for each way of transfer the share of windows that are named after the reference, after the
 source, after another; and the same for the untouched references and sources: what is to be had.
 
     euler       Eq. 5 of Wu et al.: means and deviations of Euler angles, unwrapped, in the file's
                 order; the body's channels as ours
-    scalar, covariance, left       ours, as named in ``jaxmotion.style.transfer_style``
+    scalar, covariance, left, tempo   ours, as named in ``jaxmotion.style.transfer_style``
     per level   deviations in five bands of the rotation vectors about the mean, each scaled by its
                 own ratio (Gaussians of 1, 2, 4, 8 frames)
 
@@ -40,7 +43,6 @@ from scipy.spatial.transform import Rotation
 import jaxmotion as jm
 from jaxmotion.style.root import body_of, encode, upright
 
-WINDOW, HOP = 30, 15
 FRAMES = 128
 WIDTHS = (1.0, 2.0, 4.0, 8.0)
 
@@ -49,8 +51,8 @@ def turns(q):
     return Rotation.from_quat(np.roll(np.reshape(np.asarray(q, float), (-1, 4)), -1, axis=-1))
 
 
-def features(motion):
-    """Of every window, f[W, F]."""
+def features(motion, seconds=1.0):
+    """Of every window, half overlapping, f[W, F]."""
     pose = jm.forward_kinematics(motion)
     stands = upright(motion)
     channels, _ = encode(motion, stands)
@@ -67,9 +69,10 @@ def features(motion):
     speed = np.gradient(local, float(motion.frame_time), axis=0)
     rates = np.asarray(channels, float)[:, :3]
     rows = []
-    for start in range(0, motion.num_frames - WINDOW + 1, HOP):
-        part = slice(start, start + WINDOW)
-        flat = [x[part].reshape(WINDOW, -1) for x in (local, speed)]
+    window = min(round(seconds * float(motion.fps)), motion.num_frames)
+    for start in range(0, motion.num_frames - window + 1, window // 2):
+        part = slice(start, start + window)
+        flat = [x[part].reshape(window, -1) for x in (local, speed)]
         rows.append(
             np.concatenate(
                 [f(x, axis=0) for x in flat for f in (np.mean, np.std)] + [rates[part].mean(0)]
@@ -157,22 +160,21 @@ WAYS = {
     "scalar, no warp": ours(warp=None),
     "scalar, left": ours(side="left"),
     "covariance": ours(deviation="covariance"),
+    "scalar, tempo": ours(tempo=True),
+    "covariance, tempo": ours(deviation="covariance", tempo=True),
     "per level": per_level,
 }
 
 
 def fastest(motion):
-    """Degrees a frame, of the joint that turns fastest."""
+    """Degrees a second, of the joint that turns fastest."""
     q = np.asarray(motion.rotations, float)
     cosine = np.abs(np.sum(q[1:] * q[:-1], axis=-1))
-    return np.degrees(2 * np.arccos(np.clip(cosine, 0, 1))).max()
+    return np.degrees(2 * np.arccos(np.clip(cosine, 0, 1))).max() * float(motion.fps)
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path)
-    folder = parser.parse_args().folder
-    jax.config.update("jax_enable_x64", True)
+def bandai(folder):
+    """(style, source, reference, classifier, seconds of a window) of every pair."""
     clips = {}
     for path in sorted(folder.glob("walk*.bvh")):
         action, style, number = re.fullmatch(r"(.+)_(.+)_(\d+)", path.stem).groups()
@@ -181,9 +183,6 @@ def main():
             clips[action, style, int(number)] = clip[:FRAMES]
     rows = {key: features(clip) for key, clip in clips.items()}
     styles = sorted({style for _, style, _ in clips} - {"normal"})
-    counts = {way: np.zeros(3) for way in WAYS}
-    speeds = {way: [] for way in WAYS}
-    named, pairs = {}, 0
     for action, number in (("walk", 1), ("walk", 2), ("walk-left", 1)):
         windows = {}
         for (other, style, n), found in rows.items():
@@ -191,34 +190,65 @@ def main():
                 windows.setdefault(style, []).append(found)
         nearest = Nearest({style: np.concatenate(found) for style, found in windows.items()})
         for style in styles:
-            if not {(action, "normal", number), (action, style, number)} <= set(clips):
-                continue
-            source, reference = (clips[action, name, number] for name in ("normal", style))
-            pairs += 1
-            most = max(fastest(source), fastest(reference))
-            for way, change in WAYS.items():
-                result = change(source, reference)
-                names = nearest(features(result))
-                hits = (
-                    np.array([x == style for x in names]),
-                    np.array([x == "normal" for x in names]),
-                )
-                counts[way] += [hits[0].mean(), hits[1].mean(), 1 - hits[0].mean() - hits[1].mean()]
-                speeds[way].append(fastest(result) / most)
-                for name in names:
-                    named[way, style, name] = named.get((way, style, name), 0) + 1
-    print(f"{pairs} pairs; windows named after the reference, the source, another; fastest joint")
+            if {(action, "normal", number), (action, style, number)} <= set(clips):
+                source, reference = (clips[action, name, number] for name in ("normal", style))
+                yield style, source, reference, nearest, 1.0
+
+
+def xia(folder):
+    """As :func:`bandai`."""
+    halves = {}
+    for path in sorted(folder.glob("*.bvh")):
+        clip = jm.load(path, dtype=np.float64)
+        middle = clip.num_frames // 2
+        halves[path.stem.split("_")[0]] = clip[:middle], clip[middle:]
+    seconds = 0.5
+    nearest = Nearest({style: features(late, seconds) for style, (_, late) in halves.items()})
+    for style, (early, _) in halves.items():
+        if style != "neutral":
+            yield style, halves["neutral"][0], early, nearest, seconds
+
+
+def told(name, pairs, normal):
+    """Run every way over the pairs and print what came of it."""
+    counts = {way: np.zeros(3) for way in WAYS}
+    speeds = {way: [] for way in WAYS}
+    named, styles = {}, []
+    for style, source, reference, nearest, seconds in pairs:
+        styles.append(style)
+        most = max(fastest(source), fastest(reference))
+        for way, change in WAYS.items():
+            result = change(source, reference)
+            names = nearest(features(result, seconds))
+            hits = [np.mean([x == which for x in names]) for which in (style, normal)]
+            counts[way] += [*hits, 1 - sum(hits)]
+            speeds[way].append(fastest(result) / most)
+            for found in names:
+                named[way, style, found] = named.get((way, style, found), 0) + 1
+    total = len(styles)
+    print(f"\n{name}, {total} pairs: windows named after the reference, the source, another;")
+    print("fastest joint over the inputs', median and most")
     for way, count in counts.items():
-        share = " ".join(f"{100 * x / pairs:5.0f} %" for x in count)
-        print(f"{way:22} {share}   {np.median(speeds[way]):5.2f} (most {max(speeds[way]):.2f})")
-    names = [*styles, "normal"]
-    for way in ("reference, untouched", "euler", "scalar", "covariance", "per level"):
+        share = " ".join(f"{100 * x / total:5.0f} %" for x in count)
+        print(f"{way:22} {share}   {np.median(speeds[way]):5.2f} {max(speeds[way]):5.2f}")
+    names = [*sorted(set(styles)), normal]
+    for way in ("reference, untouched", "euler", "scalar", "covariance, tempo", "per level"):
         print(f"\n{way}: rows are references, columns what windows were named, %")
         print(" " * 13 + " ".join(f"{name[:5]:>5}" for name in names))
-        for style in styles:
+        for style in names[:-1]:
             row = np.array([named.get((way, style, name), 0) for name in names], float)
             row *= 100 / row.sum()
             print(f"{style:12} " + " ".join(f"{x:5.0f}" for x in row))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("bandai", type=Path)
+    parser.add_argument("xia", type=Path)
+    folders = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    told("Bandai Namco", bandai(folders.bandai), "normal")
+    told("Xia", xia(folders.xia), "neutral")
 
 
 if __name__ == "__main__":
