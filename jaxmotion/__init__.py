@@ -51,6 +51,7 @@ _HOMES = {
     "Skeleton": "skeleton",
     "Motion": "motion",
     "UpGuess": "axes",
+    "Variations": "augmentation",
     "concatenate": "clips",
     "guess_up": "axes",
     "reorient": "axes",
@@ -58,6 +59,7 @@ _HOMES = {
     "forward_kinematics": "kinematics",
     "velocities": "kinematics",
     "MotionLayers": "layers",
+    "augment": "augmentation",
     "buckets": "frames.padding",
     "check": "metrics",
     "checks": "_checks",
@@ -93,6 +95,7 @@ if TYPE_CHECKING:
     )
     from jaxmotion._checks import checks
     from jaxmotion._compilation_cache import enable_compilation_cache
+    from jaxmotion.augmentation import Variations, augment
     from jaxmotion.axes import UpGuess, guess_up, reorient
     from jaxmotion.clips import concatenate, stack
     from jaxmotion.frames.padding import buckets
@@ -117,6 +120,8 @@ __all__ = [
     "MotionLayers",
     "Skeleton",
     "UpGuess",
+    "Variations",
+    "augment",
     "buckets",
     "check",
     "checks",

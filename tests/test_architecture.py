@@ -30,7 +30,7 @@ FLOORS = (
     ),
     ("smoothing", "timing"),
     ("layers", "multiresolution", "style", "cleaning", "contacts", "spacetime"),
-    ("metrics", "viz", "corpus"),
+    ("metrics", "viz", "augmentation", "corpus"),
     ("cli", "__main__"),
 )
 FLOOR_OF = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
