@@ -11,8 +11,8 @@ import pytest
 from jaxmotion.cli import _app
 
 COMMANDS = (
-    "align", "blend", "check", "contacts", "convert", "demo", "denoise", "info", "layers",
-    "multires", "prior", "retime", "stitch", "style", "transfer",
+    "align", "augment", "blend", "check", "contacts", "convert", "demo", "denoise", "info",
+    "layers", "multires", "prior", "retime", "stitch", "style", "transfer",
 )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ import inspect
 import click
 import pytest
 
-from jaxmotion import contacts, layers, multiresolution, style, timing
+from jaxmotion import augment, contacts, layers, multiresolution, style, timing
 from jaxmotion.cli._app import app
 from jaxmotion.cli._joining import Joining
 from jaxmotion.cli._options import Batch, FrameRange, Gain, Reading, Running, Selection
@@ -89,6 +89,7 @@ def test_missing_preset_and_bad_values(jaxmotion, take, tmp_path, edited):
 # What each command calls, and its options that are of no argument or of a part of one.
 CALLS = {
     "align": ((timing.align,), {"path", "plot", "few-joints", "keep-contacts"}),
+    "augment": ((augment,), {"count", "seed", "style", "margin"}),
     "blend": ((multiresolution.blend,), set()),
     "contacts": ((contacts.detect,), {"json", "restore"}),
     "convert": ((save_bvh,), {"to"}),
