@@ -73,6 +73,14 @@ class Variations(Portable):
     shows; ``excess``: f[n, J], radians beyond the limits; ``slide``: f[n], mean speed of planted
     points, file unit a second; ``depth``: f[n], how far the lowest joint is below the clip's, file
     unit; ``most_slide``, ``most_depth``: f[], what is let pass; ``accepted``: bool[n].
+
+    **Example:**
+
+        >>> import jax, jaxmotion as jm
+        >>> walk = jm.samples.load("walk").motion[:48]
+        >>> made = jm.augment(walk, jax.random.key(0), n=3, keep_contacts=False)
+        >>> len(made), made[0].num_frames, made.refused()
+        (3, 48, {})
     """
 
     motions: Motion

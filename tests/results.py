@@ -196,6 +196,10 @@ _MAKERS: dict[str, Callable[[], Any]] = {
     "StyleTransfer": lambda: style.StyleTransfer(
         *(motion(), None, style_of_motion(), style_of_motion(), style.StyleReport(*styled()))
     ),
+    "Variations": lambda: jm.Variations(
+        *(motion(), None, zeros(2), zeros(2, 1), zeros(2, FRAMES), zeros(2, JOINTS)),
+        *(zeros(2), zeros(2), zeros(), zeros(), zeros(2, dtype=bool)),
+    ),
     "Alignment": lambda: timing.Alignment(
         motion(), zeros(FRAMES), zeros(40, 2, dtype=np.int32), zeros(dtype=np.int32), zeros()
     ),

@@ -432,6 +432,14 @@ RECIPES = {
     "multiresolution.stitch": recipe(lambda f, c: f([c.motion, c.other], 1), both),
     "multiresolution.upsample": recipe(lambda f, c: f(c.motion)),
     "multiresolution.vector_filter": recipe(lambda f, c: f(c.p, MASK), positions),
+    "augmentation.augment": recipe(
+        lambda f, c: f(c.motion, c.key, n=2, keep_contacts=False).motions
+    ),
+    "augmentation.augment[styles]": recipe(
+        lambda f, c: f(c.motion, c.key, n=2, styles=[c.other], keep_contacts=False).motions,
+        both,
+        ALL_BUT_HINGES,
+    ),
     "contacts.cleanup_footskate": recipe(
         lambda f, c: f(c.motion, c.contacts),
         planted,

@@ -38,6 +38,8 @@ from tests.sweep_recipes import EXCEPTIONS, RECIPES
 QUICK = ("identity", "signs", "pi", "opposite", "still", "constant", "soft", "stiff", "far")
 # Functions whose first call takes more than three quarters of a second; not for the quick part.
 SLOW = {
+    "augmentation.augment",
+    "augmentation.augment[styles]",
     "contacts.cleanup_footskate",
     "contacts.cleanup_root",
     "contacts.detect",
