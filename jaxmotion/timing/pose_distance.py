@@ -9,9 +9,9 @@ for a whole body, 1 for a limb group); the joint term is that of Lee et al. 2002
 
 θ² is smooth in the squared chord, so no log is taken: with z = min(‖p − q‖², ‖p + q‖²)/4 ≤ ½,
 θ² = 4 asin²(√z) = z g(z), g a Chebyshev fit of degree 20 (8 in float32) to machine precision. It is
-exact at equal poses, and its gradient is zero there. Trimming strikes terms out rather than
-subtracting them from the sum, so no digits are lost. Only one row of terms is held at a time, in
-the derivative too.
+exact at equal poses, and its gradient is zero there. Joint after joint, the largest terms so far
+are kept and what they displace is added up: nothing is subtracted, so no digits are lost. Only one
+row of terms is held at a time, in the derivative too.
 """
 
 from functools import partial
@@ -27,6 +27,8 @@ from jaxmotion._checks import instance_of, no_module, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
+
+_JOINTS = 24  # in one loop over the frames
 
 
 @static("trim")
@@ -87,16 +89,24 @@ def _all_pairs(x: Array, y: Array, w: Array, trim: int) -> Array:
     @jax.checkpoint
     def one_frame(pose):
         """Distances from one pose (J, 4) to all target frames."""
-        terms = w[:, None] * _squared_arc(pose[:, :, None], targets)
-        return _sum_without_largest(terms, trim)
+
+        def one_joint(sums, joint):
+            p, q, weight = joint
+            (rest, *largest), term = sums, weight * _squared_arc(p, q)
+            for k, most in enumerate(largest):
+                largest[k], term = jnp.maximum(most, term), jnp.minimum(most, term)
+            return (rest + term, *largest), None
+
+        none = (jnp.zeros(targets.shape[-1], y.dtype),) * (1 + trim)
+        return lax.scan(one_joint, none, (pose, targets, w), unroll=_JOINTS)[0][0]
 
     return lax.map(one_frame, x)
 
 
 def _squared_arc(p: Array, q: Array) -> Array:
-    """θ² between unit quaternions held on axis 1."""
-    near = jnp.sum((p - q) ** 2, axis=1)
-    far = jnp.sum((p + q) ** 2, axis=1)
+    """θ² between a unit quaternion and others, whose components are on axis 0."""
+    near = sum((a - b) ** 2 for a, b in zip(p, q, strict=True))
+    far = sum((a + b) ** 2 for a, b in zip(p, q, strict=True))
     return _arc_of_chord(jnp.minimum(jnp.minimum(near, far) / 4, jnp.asarray(0.5, near.dtype)))
 
 
@@ -119,15 +129,6 @@ def _horner(coefficients: np.ndarray, z: Array) -> Array:
     for c in coefficients[-2::-1]:
         value = value * t + jnp.asarray(c, z.dtype)
     return value
-
-
-def _sum_without_largest(terms: Array, trim: int) -> Array:
-    """Sum over axis 0 of all but the ``trim`` largest (non-negative) entries."""
-    place = lax.broadcasted_iota(jnp.int32, terms.shape, 0)
-    for _ in range(trim):
-        worst = lax.argmax(terms, axis=0, index_dtype=jnp.int32)
-        terms = jnp.where(place == worst, 0, terms)
-    return jnp.sum(terms, axis=0)
 
 
 def _fit(function, degree: int) -> np.ndarray:
