@@ -1,0 +1,162 @@
+"""Which joints tell of a motion, and the groups of them that are searched for by themselves.
+
+A joint tells nothing of its own if
+
+    still       it turns by less than half a degree about its mean
+    small       it hangs from a joint that has several such, none of whose chains is longer than 0.15
+                of the figure: fingers, the face
+    copied      its rotation vector is a fixed share of that of a joint whose bone it lies along (its
+                parent, its child, or a child of its parent that goes the same way): twist bones
+
+Groups, which overlap: "whole"; "lower", what hangs from the joint of the hips and ends in a foot;
+"upper", all else; "left" and "right", all but the other side. NumPy on the host, O(T·J).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from jaxmotion import quaternion
+from jaxmotion._checks import known
+from jaxmotion._entry import finite_clip
+from jaxmotion.contacts import find_feet
+from jaxmotion.kinematics import mirrored_pairs
+from jaxmotion.motion import Motion
+from jaxmotion.posture import body_of
+from jaxmotion.skeleton import Skeleton
+
+GROUPS = ("whole", "upper", "lower", "left", "right")
+_STILL = np.radians(0.5)
+_SMALL = 0.15
+_COPIED = 0.01  # of the variance, that the share of another leaves
+_ALONG = 0.98  # cosine of two bones that lie along each other
+
+
+def joint_groups(motions: Motion | Sequence[Motion]) -> dict[str, tuple[int, ...]]:
+    """The joints that tell of a motion: all of them, upper and lower body, left and right.
+
+    **Arguments:** ``motions``: one or more clips, T frames, of one skeleton.
+    **Returns:** joint numbers by name of the group: "whole", "upper", "lower", "left", "right";
+    groups without joints, or the same as one before, are left out.
+    **Raises:** ``ValueError`` for no clips, clips of other joints, what is traced or not finite.
+
+    **Example:**
+
+        >>> import jaxmotion as jm
+        >>> walk = jm.samples.load("walk").motion
+        >>> groups = jm.cleaning.joint_groups(walk)
+        >>> sorted(walk.skeleton.names[j] for j in groups["lower"])[:3]
+        ['Hips', 'LeftFoot', 'LeftLeg']
+    """
+    clips = one_skeleton("joint_groups", motions)
+    skeleton = clips[0].skeleton
+    body = body_of(clips[0])
+    telling = informative(clips)
+    telling[:body] = False
+    lower = _under_feet(clips[0], body)
+    sides = np.array(mirrored_pairs(skeleton), int).reshape(-1, 2)
+    of_side = [_with_descendants(skeleton, side) for side in sides.T]
+    wanted = {
+        "whole": np.ones(len(lower), bool),
+        "upper": ~lower,
+        "lower": lower,
+        "left": ~of_side[1],
+        "right": ~of_side[0],
+    }
+    wanted["lower"][body] = True
+    groups: dict[str, tuple[int, ...]] = {}
+    for name, chosen in wanted.items():
+        joints = tuple(np.flatnonzero(chosen & telling).tolist())
+        if joints and joints not in groups.values():
+            groups[name] = joints
+    return groups
+
+
+def one_skeleton(caller: str, motions: Motion | Sequence[Motion]) -> list[Motion]:
+    """The clips, finite and known, of the same joints."""
+    clips = [motions] if isinstance(motions, Motion) else list(motions)
+    if not clips:
+        raise ValueError(f"{caller}: no clips; expected one at least")
+    for k, clip in enumerate(clips):
+        finite_clip(caller, clip, f"motions[{k}]")
+        if clip.skeleton.names != clips[0].skeleton.names:
+            raise ValueError(f"{caller}: motions[{k}] has other joints than the first")
+    return clips
+
+
+def informative(clips: Sequence[Motion]) -> Bool[np.ndarray, " joint"]:
+    """Which joints are none of still, small and copied."""
+    skeleton = clips[0].skeleton
+    q = np.concatenate([np.asarray(known(clip.rotations), np.float64) for clip in clips])
+    middle = quaternion.mean(q, method="chordal")
+    turns = np.asarray(quaternion.log(quaternion.between(middle, q)), np.float64)
+    squared = np.einsum("tja,tja->j", turns, turns)
+    still = squared <= len(q) * _STILL**2
+    # Copies show in the turns themselves, not in those about their means.
+    turns = np.asarray(quaternion.log(q), np.float64)
+    return ~(still | _small(skeleton) | _copied(skeleton, turns, ~still))
+
+
+def _small(skeleton: Skeleton) -> Bool[np.ndarray, " joint"]:
+    """Fingers and faces, by where they are."""
+    offsets = np.asarray(known(skeleton.offsets), np.float64)
+    length = np.linalg.norm(offsets, axis=-1)
+    reach = np.zeros(skeleton.num_joints)
+    for joint, tip in zip(
+        skeleton.end_joints, np.asarray(known(skeleton.end_offsets)), strict=True
+    ):
+        reach[joint] = max(reach[joint], float(np.linalg.norm(tip)))
+    for j in range(skeleton.num_joints - 1, 0, -1):
+        parent = skeleton.parents[j]
+        reach[parent] = max(reach[parent], length[j] + reach[j])
+    size = reach[0]
+    small = np.zeros(skeleton.num_joints, bool)
+    for children in skeleton.children:
+        if len(children) > 1 and all(length[j] + reach[j] < _SMALL * size for j in children):
+            small[list(children)] = True
+    return _with_descendants(skeleton, np.flatnonzero(small))
+
+
+def _copied(
+    skeleton: Skeleton, turns: Float[np.ndarray, "time joint 3"], moves: Bool[np.ndarray, " joint"]
+) -> Bool[np.ndarray, " joint"]:
+    """The one of two that turns less, of those that turn together; of equals the later."""
+    offsets = np.asarray(known(skeleton.offsets), np.float64)
+    length = np.linalg.norm(offsets, axis=-1)
+    squared = np.einsum("tja,tja->j", turns, turns)
+    copied = np.zeros(skeleton.num_joints, bool)
+    for parent, children in enumerate(skeleton.children):
+        related = [(parent, j) for j in children] if parent else []
+        related += [
+            (a, b)
+            for n, a in enumerate(children)
+            for b in children[n + 1 :]
+            if offsets[a] @ offsets[b] > _ALONG * length[a] * length[b]
+        ]
+        for a, b in related:
+            if not (moves[a] and moves[b]):
+                continue
+            together = np.sum(turns[:, a] * turns[:, b])
+            if together**2 >= (1 - _COPIED) * squared[a] * squared[b]:
+                copied[b if squared[b] <= squared[a] else a] = True
+    return copied
+
+
+def _under_feet(motion: Motion, body: int) -> Bool[np.ndarray, " joint"]:
+    """Joints of the limbs that end in feet."""
+    skeleton = motion.skeleton
+    tops = set()
+    for joint in find_feet(motion).joints:
+        while skeleton.parents[joint] > body:
+            joint = skeleton.parents[joint]
+        tops.add(joint)
+    return _with_descendants(skeleton, np.array(sorted(tops), int))
+
+
+def _with_descendants(skeleton: Skeleton, joints: np.ndarray) -> Bool[np.ndarray, " joint"]:
+    below = np.zeros(skeleton.num_joints, bool)
+    below[joints] = True
+    for j, parent in enumerate(skeleton.parents):
+        below[j] |= parent >= 0 and below[parent]
+    return below

@@ -1,0 +1,380 @@
+"""The nearest of all words: those at which the body does most nearly the same.
+
+A word of N frames is compared with M frames that begin at every frame of every clip, in D of
+:func:`jaxmotion.timing.pose_distance` (the largest joint terms left out) by DTW ("slope3": at most
+three steps on end along one axis), from both first frames to the word's last frame and a frame of
+the target after its middle, where the mean of D along the path is least. Neighbours are the K least
+of the local minima over a clip: less than the frame before, no more than the next. In the word's
+own clip those whose middles are less than N/2 frames apart are left out. Equals go by clip, then
+frame.
+
+Most pairs are never warped (:mod:`.bound`): of each word the targets of least bound are, and
+more until K local minima are known to be; what could still come before the last of them is warped
+then, and nothing else. A target is known for a minimum when the targets beside it are warped or
+their bounds are above it. The answer is that of warping all pairs, bit for bit.
+
+Words go in blocks, side by side on the host's cores: memory O(block · pool). Source: Aristidou et
+al. 2018, §3; the bound is ours.
+"""
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Literal, NamedTuple, TypeAlias
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from jaxmotion._checks import one_of, static
+from jaxmotion._portable import Portable
+from jaxmotion._summary import some
+from jaxmotion._types import AnyArray
+from jaxmotion.cleaning.bound import WordShape, least_distances
+from jaxmotion.cleaning.groups import one_skeleton
+from jaxmotion.cleaning.words import check_sizes, chosen_joints, texture, word_starts
+from jaxmotion.frames.padding import program_size
+from jaxmotion.motion import Motion
+from jaxmotion.posture import upright
+from jaxmotion.timing import dtw, pose_distance
+
+Pairs: TypeAlias = Literal["bounded", "all"]
+Progress: TypeAlias = Callable[[int, int], None]
+
+_RUN = 3  # of "slope3"
+_WORDS = 32  # a block
+_LANES = 1024  # pairs that are warped at once
+_FIRST = 48  # targets of least bound that are warped first
+_TRIMMED = 8  # one joint in so many is left out
+
+
+class Neighbours(Portable):
+    """The K nearest words of every word; fewer where there are no more, then clip −1, distance inf.
+
+    **Fields:** ``starts``: i32[W], the frame that each word begins at; ``clip``: i32[W, K], 0 for
+    the word's own clip, from 1 on the context's; ``frame``: i32[W, K], where the neighbour begins
+    in it; ``distance``: f[W, K], mean D along the path, squared half-angle radians; ``warp``:
+    i32[W, K, N], the clip's frame beside each frame of the word, the middle one of several;
+    ``warped``: the share of all pairs that were warped; ``joints``: their numbers, static.
+    """
+
+    starts: Int[AnyArray, " word"]
+    clip: Int[AnyArray, "word k"]
+    frame: Int[AnyArray, "word k"]
+    distance: Float[AnyArray, "word k"]
+    warp: Int[AnyArray, "word k frame"]
+    warped: float
+    joints: tuple[int, ...] = eqx.field(static=True)
+
+    def _words(self) -> Iterator[str]:
+        yield some(self.clip.shape[0], "word")
+        yield f"{self.clip.shape[1]} neighbours"
+        yield f"{100 * self.warped:.3g} % of pairs warped"
+
+
+class _Pool(NamedTuple):
+    """All clips end to end: ``rotations`` f[P, J, 4], padded; of every target that begins at a
+    frame ``clip`` i32[P] and ``frame`` i32[P] in it, and whether it fits into the clip."""
+
+    rotations: Array
+    clip: np.ndarray
+    frame: np.ndarray
+    fits: np.ndarray
+
+
+@static("k", "length", "stride", "target", "joints", "trim", "own", "pairs")
+def nearest_words(
+    motion: Motion,
+    context: Motion | Sequence[Motion] = (),
+    *,
+    k: int = 8,
+    length: int = 15,
+    stride: int = 5,
+    target: int = 20,
+    joints: str | Sequence[int | str] | None = "whole",
+    trim: int | None = None,
+    own: bool = True,
+    pairs: Pairs = "bounded",
+    progress: Progress | None = None,
+) -> Neighbours:
+    """The nearest words of every word of a clip, in the clip itself and in others. Exact.
+
+    On the host; not differentiable, not under ``jit``. O(W·P·J) for P frames in all, of which few
+    pairs are warped.
+
+    **Arguments:**
+
+    - ``motion``: the clip whose words are asked for.
+    - ``context``: clips of the same joints at the same rate.
+    - ``k``: K, how many neighbours.
+    - ``length``: N, frames of a word; ``stride``: frames from word to word; ``target``: M ≥ N,
+      frames of what a word is compared with.
+    - ``joints``: as :func:`motion_words`.
+    - ``trim``: how many of the largest joint terms are left out of a pair of frames, by default one
+      of eight joints (3 of 24).
+    - ``own``: whether the clip itself is searched as well.
+    - ``pairs``: "all" warps every pair, for tests.
+    - ``progress``: called with how many words are done, and how many there are.
+
+    **Returns:** :class:`Neighbours`; no words of a clip of fewer than N frames.
+    **Raises:** ``ValueError`` for what is traced or not finite, clips of other joints, numbers that
+    make no words, a ``trim`` that leaves no joint.
+
+    **Example:**
+
+        >>> import jaxmotion as jm
+        >>> walk = jm.samples.load("walk", fps=24.0, num_frames=96).motion
+        >>> found = jm.cleaning.nearest_words(walk, k=2)
+        >>> found.clip.shape, bool(found.distance[0, 0] < 0.01)
+        ((18, 2), True)
+    """
+    caller = "nearest_words"
+    one_of(f"{caller}: pairs", pairs, ("bounded", "all"))
+    check_sizes(caller, length, stride)
+    others = [context] if isinstance(context, Motion) else list(context)
+    clips = one_skeleton(caller, [motion, *others])
+    shape = WordShape(length, target, _RUN, target // 2 + 1)
+    if not (isinstance(k, (int, np.integer)) and k >= 1 and target >= length):
+        raise ValueError(f"{caller}: k={k}, target={target}; expected 1 and {length} at least")
+    chosen = chosen_joints(caller, motion, joints)
+    trim = len(chosen) // _TRIMMED if trim is None else trim
+    if not 0 <= trim < len(chosen):
+        raise ValueError(f"{caller}: trim={trim}; expected less than the {len(chosen)} joints")
+    stands = upright(motion)
+    words = texture(motion, chosen, stands)
+    pool = _pooled([texture(clip, chosen, stands) for clip in clips], shape, own=own)
+    starts = word_starts(motion.num_frames, length, stride)
+    search = partial(_search, words, pool, int(k), shape, int(trim), pairs, own)
+    found = _in_blocks(search, starts, progress)
+    clip, frame, distance, warp = (
+        np.concatenate([part[i] for part in found]) if found else empty
+        for i, empty in enumerate(_nothing(k, length, words.dtype))
+    )
+    tried = sum(part[4] for part in found)
+    warped = tried / max(len(starts) * int(pool.fits.sum()), 1)
+    return Neighbours(
+        *(jnp.asarray(x) for x in (starts.astype(np.int32), clip, frame, distance, warp)),
+        warped, chosen,
+    )  # fmt: skip
+
+
+def _pooled(textures: Sequence[Array], shape: WordShape, *, own: bool) -> _Pool:
+    frames = np.concatenate([np.arange(len(x)) for x in textures])
+    clip = np.repeat(np.arange(len(textures)), [len(x) for x in textures])
+    ends = np.repeat([len(x) for x in textures], [len(x) for x in textures])
+    fits = (frames + shape.target <= ends) & ((clip > 0) | own)
+    fill = program_size(len(frames)) - len(frames)
+    rotations = np.concatenate([np.asarray(x) for x in textures])
+    rotations = np.pad(rotations, ((0, fill), (0, 0), (0, 0)), mode="edge")
+    clip, frames, fits = (np.pad(x, (0, fill)) for x in (clip, frames, fits))
+    return _Pool(jax.device_put(rotations), clip, frames, fits)
+
+
+def _in_blocks(search: Callable, starts: np.ndarray, progress: Progress | None) -> list:
+    """What the search finds for the words, a block at a time, on every core there is."""
+    blocks = [starts[i : i + _WORDS] for i in range(0, len(starts), _WORDS)]
+    found, done = [], 0
+    with ThreadPoolExecutor(_cores()) as pool:
+        for block, result in zip(blocks, pool.map(search, blocks), strict=True):
+            found.append(result)
+            done += len(block)
+            if progress is not None:
+                progress(done, len(starts))
+    return found
+
+
+def _cores() -> int:
+    """How many there are for this process."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _search(
+    words: Array,
+    pool: _Pool,
+    k: int,
+    shape: WordShape,
+    trim: int,
+    pairs: Pairs,
+    own: bool,
+    starts: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
+    """Clip, frame, distance and warp of the neighbours of a block of words, and how many pairs were
+    warped."""
+    filled = np.append(starts, np.repeat(starts[-1:], _WORDS - len(starts)))
+    rows = filled[0] + np.arange(_rows(filled, shape))
+    d = _frame_distances(words[np.minimum(rows, len(words) - 1)], pool.rotations, trim)
+    places = filled - filled[0]
+    known = _Known(d, places, shape, len(starts), pool)
+    apart = np.abs(2 * (pool.frame - starts[:, None]) + shape.target - shape.length)
+    allowed = pool.fits & ~(own & (pool.clip == 0) & (apart < shape.length))
+    if pairs == "all":
+        known.warp(np.broadcast_to(pool.fits, allowed.shape))
+    else:
+        _warp_what_may_be_near(known, allowed, k)
+    best = _least(np.where(allowed & known.minima(), known.exact, np.inf), k)
+    distance = np.take_along_axis(known.exact, best, axis=1)
+    there = np.take_along_axis(allowed & known.minima(), best, axis=1)
+    warp = known.paths(best) + pool.frame[best][..., None]
+    return (
+        np.where(there, pool.clip[best], -1).astype(np.int32),
+        np.where(there, pool.frame[best], -1).astype(np.int32),
+        np.where(there, distance, np.inf),
+        np.where(there[..., None], warp, -1).astype(np.int32),
+        known.warped,
+    )
+
+
+def _warp_what_may_be_near(known: "_Known", allowed: np.ndarray, k: int) -> None:
+    """Warp pairs until the K least minima of every word are among them: those of least bound, until
+    there are K minima at all, then whatever may still come before the last of them."""
+    many = _FIRST
+    known.warp(_least_bounded(np.where(allowed, known.least, np.inf), many))
+    while True:
+        minima = allowed & known.minima()
+        worst = _kth(np.where(minima, known.exact, np.inf), k)[:, None]
+        short = np.isinf(worst)
+        wanted = allowed & ~known.done & ~short & (known.least <= worst)
+        # A low target is a minimum when what stands beside it is known to be no lower.
+        unsure = allowed & known.done & ~minima & (known.exact <= worst)
+        wanted[:, 1:] |= unsure[:, :-1] & (known.least[:, 1:] <= known.exact[:, :-1])
+        wanted[:, :-1] |= unsure[:, 1:] & (known.least[:, :-1] <= known.exact[:, 1:])
+        if short.any():
+            many *= 2
+            left = np.where(allowed & ~known.done & short, known.least, np.inf)
+            wanted |= _least_bounded(left, many)
+        if not known.warp(wanted):
+            return
+
+
+class _Known:
+    """What is known of the distances of a block of words from all targets: ``exact`` f[B, P], +inf
+    where not ``done``; ``least`` f[B, P], the bounds where it is not, +inf where nothing fits."""
+
+    def __init__(
+        self, d: Array, places: np.ndarray, shape: WordShape, words: int, pool: _Pool
+    ) -> None:
+        self.d, self.places, self.shape, self.fits = d, places, shape, pool.fits
+        bounds = np.asarray(_bounds(d, jnp.asarray(places, jnp.int32), shape))[:words]
+        self.least = np.where(pool.fits, bounds, np.inf)
+        self.exact = np.full_like(self.least, np.inf)
+        self.done = np.zeros(self.least.shape, bool)
+        self.first = np.append(True, pool.clip[1:] != pool.clip[:-1])
+        self.warped = 0
+
+    def warp(self, wanted: np.ndarray) -> bool:
+        """Warp the pairs that are not done yet; whether there were any."""
+        word, target = np.nonzero(wanted & ~self.done & self.fits)
+        if not word.size:
+            return False
+        for begin in range(0, len(word), _LANES):
+            w, t = word[begin : begin + _LANES], target[begin : begin + _LANES]
+            found = np.asarray(_costs(self.d, *self._lanes(w, t, _LANES), self.shape))[: len(w)]
+            self.exact[w, t] = self.least[w, t] = found
+            self.done[w, t] = True
+        self.warped += len(word)
+        return True
+
+    def minima(self) -> np.ndarray:
+        """Which targets are known to be local minima."""
+        before = np.full_like(self.least, np.inf)
+        after = before.copy()
+        before[:, 1:] = np.where(self.first[1:], np.inf, self.least[:, :-1])
+        after[:, :-1] = np.where(self.first[1:], np.inf, self.least[:, 1:])
+        return self.done & (self.exact < before) & (self.exact <= after)
+
+    def paths(self, targets: np.ndarray) -> np.ndarray:
+        """The target's frame beside each frame of the words, i[B, K, N], for targets i[B, K]."""
+        words, k = targets.shape
+        w, t = np.repeat(np.arange(words), k), targets.ravel()
+        found = _middles(self.d, *self._lanes(w, t, _WORDS * k), self.shape)
+        return np.asarray(found)[: len(w)].reshape(words, k, -1)
+
+    def _lanes(self, w: np.ndarray, t: np.ndarray, lanes: int) -> tuple[Array, Array]:
+        """First row and column of pairs, filled up."""
+        fill = (0, lanes - len(w))
+        rows, columns = self.places[np.pad(w, fill, mode="edge")], np.pad(t, fill, mode="edge")
+        columns = np.minimum(columns, self.d.shape[1] - self.shape.target)
+        return jnp.asarray(rows, jnp.int32), jnp.asarray(columns, jnp.int32)
+
+
+def _rows(places: np.ndarray, shape: WordShape) -> int:
+    """Rows of a block of words, one number for all full blocks."""
+    return int(places[-1] - places[0]) + shape.length
+
+
+def _least_bounded(bounds: np.ndarray, many: int) -> np.ndarray:
+    """Where the least ``many`` of each row are, those that are finite."""
+    chosen = np.zeros(bounds.shape, bool)
+    many = min(many, bounds.shape[1])
+    np.put_along_axis(chosen, np.argpartition(bounds, many - 1, axis=1)[:, :many], True, axis=1)
+    return chosen & np.isfinite(bounds)
+
+
+def _kth(values: np.ndarray, k: int) -> np.ndarray:
+    """The k-th least of every row."""
+    if values.shape[1] < k:
+        return np.full(len(values), np.inf, values.dtype)
+    return np.partition(values, k - 1, axis=1)[:, k - 1]
+
+
+def _least(values: np.ndarray, k: int) -> np.ndarray:
+    """Where the k least of every row are, in order; of equals the first."""
+    best = np.zeros((len(values), k), int)
+    for row, (kth, chosen) in enumerate(zip(_kth(values, k), best, strict=True)):
+        found = np.flatnonzero(values[row] <= kth)
+        found = found[np.argsort(values[row, found], kind="stable")][:k]
+        chosen[: len(found)] = found
+    return best
+
+
+@partial(jax.jit, static_argnames="trim")
+def _frame_distances(words: Array, pool: Array, trim: int) -> Float[Array, "row target"]:
+    return pose_distance(words, pool, trim=trim)
+
+
+_bounds = jax.jit(least_distances, static_argnums=2)
+
+
+def _patches(d: Array, rows: Array, columns: Array, shape: WordShape) -> Array:
+    sizes = shape.length, shape.target
+    return jax.vmap(lambda i, j: lax.dynamic_slice(d, (i, j), sizes))(rows, columns)
+
+
+def _warped(cost: Array, shape: WordShape):
+    return dtw(
+        cost=cost, step_pattern="slope3", open_end=True, min_matched=shape.least, normalize="mean"
+    )
+
+
+@partial(jax.jit, static_argnums=3)
+def _costs(d: Array, rows: Array, columns: Array, shape: WordShape) -> Float[Array, " pair"]:
+    """Distances of words that begin at those rows and targets at those columns."""
+    return jax.vmap(lambda cost: _warped(cost, shape).cost)(_patches(d, rows, columns, shape))
+
+
+@partial(jax.jit, static_argnums=3)
+def _middles(d: Array, rows: Array, columns: Array, shape: WordShape) -> Int[Array, "pair frame"]:
+    """The middle of the target's frames that stand beside each frame of the word."""
+
+    def of_pair(cost: Array) -> Array:
+        found = _warped(cost, shape)
+        here = found.path[:, 0] == jnp.arange(shape.length, dtype=jnp.int32)[:, None]
+        here &= jnp.arange(found.path.shape[0], dtype=jnp.int32) < found.length
+        column = found.path[:, 1]
+        first = jnp.min(jnp.where(here, column, shape.target), axis=1)
+        last = jnp.max(jnp.where(here, column, -1), axis=1)
+        return (first + last) // 2
+
+    return jax.vmap(of_pair)(_patches(d, rows, columns, shape))
+
+
+def _nothing(k: int, length: int, dtype) -> tuple[np.ndarray, ...]:
+    """Results of no words."""
+    none = np.zeros((0, k), np.int32)
+    return none, none, np.zeros((0, k), dtype), np.zeros((0, k, length), np.int32)

@@ -1,0 +1,80 @@
+"""How a body stands in the world: the joint it hangs from, which way that goes, how it leans.
+
+With n up and U a constant turn, the body's rotation is q = yaw ⊗ swing ⊗ U: yaw turns about n, the
+swing about a horizontal axis (``quaternion.arcs``). U takes to n the axis of the body that points
+up most of the time (:func:`upright`), so that a body whose own axes lie otherwise, or that crawls,
+stays far from the half turn where yaw has no meaning.
+
+The body hangs from one joint: the root, or, where a file puts a joint of its own above the hips,
+the last one down a chain of only children that are translated. O(T).
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxmotion import quaternion
+from jaxmotion._types import AnyArray, Vector3
+from jaxmotion.motion import Motion
+from jaxmotion.quaternion.arcs import shortest_arc, twist
+
+
+def body_of(motion: Motion) -> int:
+    """The joint that the body hangs from."""
+    joint, children = 0, motion.skeleton.children
+    while len(children[joint]) == 1 and children[joint][0] in motion.translated_joints:
+        joint = children[joint][0]
+    return joint
+
+
+def pose_in_world(
+    motion: Motion, joint: int
+) -> tuple[Float[Array, "time 3"], Float[Array, "time 4"]]:
+    """World position and rotation of a joint near the root."""
+    translations, rotations = jnp.asarray(motion.translations), jnp.asarray(motion.rotations)
+    position, turned = translations[:, joint], rotations[:, joint]
+    while joint:
+        joint = motion.skeleton.parents[joint]
+        above = rotations[:, joint]
+        position = translations[:, joint] + quaternion.rotate(above, position)
+        turned = quaternion.multiply(above, turned)
+    return position, turned
+
+
+class Axes(NamedTuple):
+    """Unit vectors f[3] along the ground and up, right-handed."""
+
+    ahead: np.ndarray
+    aside: np.ndarray
+    up: np.ndarray
+
+
+def axes_of(motion: Motion) -> Axes:
+    """The world's."""
+    up = motion.skeleton.up_axis
+    ahead, aside = np.eye(3)[[(up + 1) % 3, (up + 2) % 3]]
+    return Axes(ahead, aside, np.eye(3)[up])
+
+
+def upright(motion: Motion, counts: Bool[AnyArray, " time"] | None = None) -> Vector3:
+    """Which of the body's own axes, or their opposites, points up most of the time, of the frames
+    that count: f[3]."""
+    up = jnp.asarray(axes_of(motion).up, motion.dtype)
+    _, turned = pose_in_world(motion, body_of(motion))
+    own = quaternion.rotate(quaternion.conjugate(turned), up)
+    own = jnp.mean(own, axis=0, where=None if counts is None else jnp.asarray(counts)[:, None])
+    most = jnp.argmax(jnp.abs(own))
+    return jnp.sign(own[most]) * jnp.eye(3, dtype=own.dtype)[most]
+
+
+def posture(
+    motion: Motion, upright: Vector3
+) -> tuple[Float[Array, "time 3"], Float[Array, "time 4"], Float[Array, "time 3"]]:
+    """The body's position, yaw, and lean, the rotation vector of its swing."""
+    up = jnp.asarray(axes_of(motion).up, motion.dtype)
+    position, turned = pose_in_world(motion, body_of(motion))
+    turned = quaternion.multiply(turned, quaternion.conjugate(shortest_arc(upright, up)))
+    yaw = twist(turned, up)
+    return position, yaw, quaternion.log(quaternion.between(yaw, turned))
