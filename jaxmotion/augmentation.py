@@ -52,7 +52,7 @@ from jaxmotion.spacetime import JointLimits, learn_limits
 from jaxmotion.style import MotionStyle, motion_style
 from jaxmotion.style.carry import carried
 from jaxmotion.style.root import body_of
-from jaxmotion.style.statistics import mixed
+from jaxmotion.style.statistics import mixed, statistics
 from jaxmotion.timing.resample import even_reading, read_motion
 
 __all__ = ["Variations", "augment"]
@@ -229,15 +229,22 @@ def _styles_of(motion: Motion, styles: Sequence[MotionStyle | Motion] | None) ->
         return []
     names, up, kind = motion.skeleton.names, motion.skeleton.up, motion.dtype
     found = [motion_style(motion)]
+    stands = found[0].root_upright
     for k, other in enumerate(others):
-        style = motion_style(other) if isinstance(other, Motion) else other
+        style = _style_of(other, stands) if isinstance(other, Motion) else other
         instance_of(f"augment: styles[{k}]", style, MotionStyle, "a MotionStyle or a Motion")
         if (style.joints, style.up) != (names, up):
             raise ValueError(f"augment: styles[{k}] has other joints, or another axis up")
         found.append(jax.tree.map(lambda x: jnp.asarray(x, kind), style))
-    turned = jnp.max(jnp.stack([abs(x.root_upright - found[0].root_upright) for x in found]))
+    turned = jnp.max(jnp.stack([abs(style.root_upright - stands) for style in found]))
     message = "augment: styles of bodies that hold another side up than the motion's"
     return require(found, ~(known(turned) < 1), message)
+
+
+def _style_of(clip: Motion, stands: Array) -> MotionStyle:
+    """Its manner as of a body with that side up."""
+    clip = finite_clip("augment", clip, "styles", at_run_time=True)
+    return statistics([clip], [np.ones(clip.num_frames)], "recursive", stands)
 
 
 def _limits_of(
