@@ -21,7 +21,7 @@ has sunk, so that the mean height is that of a body in these poses. O(T·J).
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._types import AnyArray
@@ -33,6 +33,7 @@ from jaxmotion.style.statistics import STILL, MotionStyle, deviations, square_ro
 
 def carried(
     motion: Motion,
+    count: Int[Array, ""],
     own: MotionStyle,
     goal: MotionStyle,
     *,
@@ -42,9 +43,9 @@ def carried(
     side: str,
     cap: Float[AnyArray, ""] | None,
 ) -> Motion:
-    """The motion with ``goal``'s statistics for its ``own``, of these ``joints`` and of the
-    ``root``."""
-    away = deviations(own.mean, motion.rotations)
+    """The motion, of which the first ``count`` frames count, with ``goal``'s statistics for its
+    ``own``, of these ``joints`` and of the ``root``."""
+    away = deviations(own.mean, motion.rotations, count)
     covariance = jnp.asarray(own.covariance)
     if side == "right":
         turn = quaternion.between(goal.mean, own.mean)
@@ -63,9 +64,9 @@ def carried(
     edited = motion.with_transforms(rotations=rotations)
     if not root:
         return edited
-    channels, start = encode(motion, goal.root_upright)
+    channels, start = encode(motion, goal.root_upright, count)
     channels = _root_ratio(own, goal, cap) * (channels - own.root_mean) + goal.root_mean
-    return decode(channels, start, goal.root_upright, edited)
+    return decode(channels, start, goal.root_upright, edited, count)
 
 
 def in_tempo(motion: Motion, own: MotionStyle, tempo: Array) -> tuple[Motion, MotionStyle, Array]:

@@ -16,12 +16,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._checks import instance_of, one_of, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_sqrt
+from jaxmotion._room import room_for
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.style.root import HEIGHT, body_of
@@ -72,7 +73,7 @@ def style_distance(
     body = body_of(motion)
     of_joints = tuple((np.flatnonzero(used[body + 1 :]) + body + 1).tolist())
     if weights is None:
-        weights = np.ones(motion.num_frames)
+        weights = np.ones(motion.num_frames, motion.dtype)
     if np.shape(weights) != (motion.num_frames,):
         raise ValueError(
             f"{caller}: weights have shape {np.shape(weights)}; want ({motion.num_frames},)"
@@ -80,14 +81,17 @@ def style_distance(
     whole = root and bool(used[body])
     if not of_joints and not whole:
         raise ValueError(f"{caller}: no joint is left to compare")
-    return _distance(motion, style, weights, of_joints, theirs, whole, mean)
+    room = room_for(motion, style, weights)
+    motion, weights = room.fill(motion), room.fill(jnp.asarray(weights))
+    return _distance(motion, room.count, style, weights, of_joints, theirs, whole, mean)
 
 
 @eqx.filter_jit
 def _distance(
     motion: Motion,
+    count: Int[Array, ""],
     style: MotionStyle,
-    weights: ArrayLike,
+    weights: Array,
     joints: tuple[int, ...],
     theirs: tuple[int, ...],
     root: bool,
@@ -95,7 +99,7 @@ def _distance(
 ) -> Float[Array, ""]:
     kind = motion.dtype
     style = jax.tree.map(lambda x: jnp.asarray(x, kind), style)
-    own = statistics([motion], [weights], mean, style.root_upright)
+    own = statistics([motion], [weights], [count], mean, style.root_upright)
     total = jnp.zeros((), kind)
     if joints:
         mine, other = np.array(joints), np.array(theirs)[list(joints)]

@@ -17,7 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._checks import instance_of, one_number, one_of, require, static
@@ -25,6 +25,7 @@ from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._plain import quoted
 from jaxmotion._portable import Portable
+from jaxmotion._room import Room, room_for
 from jaxmotion._summary import some
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, cleanup_footskate, detect, replant
@@ -32,10 +33,11 @@ from jaxmotion.contacts.contact import check_kept
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.style.carry import carried, in_tempo, ratio
-from jaxmotion.style.correspondence import Warp, corresponding
+from jaxmotion.style.correspondence import Warp, corresponding, strides
 from jaxmotion.style.root import body_of, upright
 from jaxmotion.style.statistics import MEANS, STILL, Mean, MotionStyle, mixed, statistics
 from jaxmotion.timing import MotionWarp
+from jaxmotion.timing.motion_warping import cut_warp
 
 Deviation: TypeAlias = Literal["scalar", "covariance"]
 Side: TypeAlias = Literal["right", "left"]
@@ -151,9 +153,13 @@ def transfer_style(
     plan = _planned("transfer_style", source, theirs, joints, deviation, side, root, tempo)
     one_of("transfer_style: mean", mean, MEANS)
     source, amount, cap = _amounts("transfer_style", source, strength, max_ratio)
-    found, own, other = _compared(source, reference, theirs, mean, warp)
-    motion, goal, report = _restyled(source, own, other, amount, cap, theirs, plan)
-    motion = _planted(source, motion, keep_contacts, plan)
+    given = source, reference, amount, cap
+    rooms = room_for(source, given), room_for(reference, given)
+    clips = rooms[0].fill(source), rooms[1].fill(reference).astype(source.dtype)
+    found, own, other = _compared(clips, rooms, theirs, mean, warp)
+    count = rooms[0].count
+    motion, goal, report = _restyled(clips[0], count, own, other, amount, cap, theirs, plan)
+    motion = _planted(source, rooms[0].cut(motion), keep_contacts, plan)
     return StyleTransfer(motion, found, own, goal, report)
 
 
@@ -205,10 +211,11 @@ def apply_style(
     motion, amount, cap = _amounts("apply_style", motion, strength, max_ratio)
     kind = motion.dtype
     style = jax.tree.map(lambda x: jnp.asarray(x, kind), style)
-    every = [np.ones(motion.num_frames)]
-    own = statistics([motion], every, mean, style.root_upright)
-    edited, _, _ = _restyled(motion, own, style, amount, cap, theirs, plan)
-    return _planted(motion, edited, keep_contacts, plan)
+    room = room_for(motion, style, amount, cap)
+    clip = room.fill(motion)
+    own = statistics([clip], [_alike(clip)], [room.count], mean, style.root_upright)
+    edited, _, _ = _restyled(clip, room.count, own, style, amount, cap, theirs, plan)
+    return _planted(motion, room.cut(edited), keep_contacts, plan)
 
 
 class _Plan(NamedTuple):
@@ -297,31 +304,46 @@ def _amounts(
     return motion, amount, jnp.asarray(cap, motion.dtype)
 
 
-@compiled
 def _compared(
-    source: Motion, reference: Motion, theirs: tuple[int, ...], mean: Mean, warp: Warp | None
+    clips: tuple[Motion, Motion],
+    rooms: tuple[Room, Room],
+    theirs: tuple[int, ...],
+    mean: Mean,
+    warp: Warp | None,
 ) -> tuple[MotionWarp | None, MotionStyle, MotionStyle]:
     """How they go in time, and the manner of each, of its own joints."""
-    kind = source.dtype
-    reference = jax.tree.map(lambda x: x.astype(kind) if eqx.is_inexact_array(x) else x, reference)
-    clips, stands = (source, reference), upright(reference)
-    alike = [jnp.ones(clip.num_frames, kind) for clip in clips]
-    played = [statistics([c], [w], mean, stands) for c, w in zip(clips, alike, strict=True)]
+    counts = rooms[0].count, rooms[1].count
+    stands = upright(clips[1], counts[1])
+
+    def styles(weights):
+        each = zip(clips, weights, counts, strict=True)
+        return [statistics([clip], [w], [count], mean, stands) for clip, w, count in each]
+
+    played = styles([_alike(clip) for clip in clips])
     if warp is None:
         return None, played[0], played[1]
-    found, *weights = corresponding(source, reference, theirs, warp)
-    styles = [statistics([c], [w], mean, stands) for c, w in zip(clips, weights, strict=True)]
+    steps = strides(rooms[0].frames, rooms[1].frames)
+    found, *weights = corresponding(*clips, counts, steps, theirs, warp)
     # A warp bends time: the tempo is that of the clips as they are played.
     own, other = (
         eqx.tree_at(lambda style: style.tempo, style, plain.tempo)
-        for style, plain in zip(styles, played, strict=True)
+        for style, plain in zip(styles(weights), played, strict=True)
     )
-    return found, own, other
+    taken = [
+        room._replace(frames=-(-room.frames // k)) for room, k in zip(rooms, steps, strict=True)
+    ]
+    return cut_warp(found, *taken, axis=int(warp == "per_channel")), own, other
+
+
+def _alike(clip: Motion) -> Float[np.ndarray, " time"]:
+    """Weights of frames that count alike."""
+    return np.ones(clip.num_frames, clip.dtype)
 
 
 @compiled
 def _restyled(
     motion: Motion,
+    count: Int[Array, ""],
     own: MotionStyle,
     other: MotionStyle,
     amount: Float[Array, ""],
@@ -347,7 +369,7 @@ def _restyled(
     if plan.tempo:
         motion, own, longer = in_tempo(motion, own, towards.tempo)
     edited = carried(
-        motion, own, towards, joints=plan.joints, root=plan.root, deviation=plan.deviation,
+        motion, count, own, towards, joints=plan.joints, root=plan.root, deviation=plan.deviation,
         side=plan.side, cap=cap,
     )  # fmt: skip
     turned = jnp.where(chosen, quaternion.distance(own.mean, towards.mean), 0)
