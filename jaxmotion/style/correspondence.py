@@ -23,11 +23,12 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jaxmotion._room import Room
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion import mean
 from jaxmotion.style.root import body_of, counting, lean, upright
 from jaxmotion.style.statistics import deviations
-from jaxmotion.timing.motion_warping import ENOUGH, ROUNDS, SMOOTHNESS, MotionWarp, warped
+from jaxmotion.timing.motion_warping import ENOUGH, ROUNDS, SMOOTHNESS, MotionWarp, cut_warp, warped
 
 Warp: TypeAlias = Literal["shared", "per_channel"]
 _MOST = 2048
@@ -76,6 +77,16 @@ def corresponding(
             w = every.at[:, np.array(joints)].set(w)
         whole.append(w)
     return found, whole[0], whole[1]
+
+
+def without_room(
+    found: MotionWarp, rooms: tuple[Room, Room], steps: tuple[int, int], warp: Warp | None
+) -> MotionWarp:
+    """The warp of the frames that count, of one of clips in these rooms."""
+    source, reference = (
+        Room(-(-room.frames // k), room.size) for room, k in zip(rooms, steps, strict=True)
+    )
+    return cut_warp(found, source, reference, axis=int(warp == "per_channel"))
 
 
 def strides(source: int, reference: int) -> tuple[int, int]:

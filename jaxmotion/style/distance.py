@@ -19,13 +19,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import instance_of, one_of, static
+from jaxmotion._checks import instance_of, known, one_of, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_sqrt
 from jaxmotion._room import room_for
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import HEIGHT, body_of
+from jaxmotion.style.root import HEIGHT, body_of, encode
 from jaxmotion.style.statistics import MEANS, Mean, MotionStyle, square_root, statistics
 from jaxmotion.style.transfer import matched, selected
 
@@ -82,7 +82,7 @@ def style_distance(
     if not of_joints and not whole:
         raise ValueError(f"{caller}: no joint is left to compare")
     room = room_for(motion, style, weights)
-    motion, weights = room.fill(motion), room.fill(jnp.asarray(weights))
+    motion, weights = room.fill(motion), room.fill(known(weights))
     return _distance(motion, room.count, style, weights, of_joints, theirs, whole, mean)
 
 
@@ -91,7 +91,7 @@ def _distance(
     motion: Motion,
     count: Int[Array, ""],
     style: MotionStyle,
-    weights: Array,
+    weights: ArrayLike,
     joints: tuple[int, ...],
     theirs: tuple[int, ...],
     root: bool,
@@ -99,7 +99,8 @@ def _distance(
 ) -> Float[Array, ""]:
     kind = motion.dtype
     style = jax.tree.map(lambda x: jnp.asarray(x, kind), style)
-    own = statistics([motion], [weights], [count], mean, style.root_upright)
+    channels, _ = encode(motion, style.root_upright, count)
+    own = statistics([motion], [channels], [weights], [count], mean, style.root_upright)
     total = jnp.zeros((), kind)
     if joints:
         mine, other = np.array(joints), np.array(theirs)[list(joints)]

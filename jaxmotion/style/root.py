@@ -86,6 +86,7 @@ def lean(motion: Motion, upright: Vector3) -> Float[Array, "time 2"]:
     return _posture(motion, upright)[2]
 
 
+@eqx.filter_jit
 def encode(
     motion: Motion, upright: Vector3, count: Int[Array, ""] | None = None
 ) -> tuple[Float[Array, "time 6"], Start]:

@@ -183,26 +183,29 @@ def motion_style(
     clips = [room.fill(clip) for room, clip in zip(rooms, clips, strict=True)]
     of_frames = [np.ones(clip.num_frames, clips[0].dtype) for clip in clips]
     if weights is not None:
-        value = jnp.asarray(value, clips[0].dtype)
+        value = value.astype(clips[0].dtype)
         of_frames = [rooms[0].fill(value)]
         if several:
             parts = [value[k] / length for k, length in enumerate(lengths)]
             of_frames = [jnp.full(c.num_frames, w) for c, w in zip(clips, parts, strict=True)]
     counts = [room.count for room in rooms]
-    return statistics(clips, of_frames, counts, mean, upright(clips[0], counts[0]))
+    stands = upright(clips[0], counts[0])
+    rows = [encode(clip, stands, n)[0] for clip, n in zip(clips, counts, strict=True)]
+    return statistics(clips, rows, of_frames, counts, mean, stands)
 
 
 @compiled
 def statistics(
     clips: list[Motion],
+    rows: Sequence[Float[Array, "_ 6"]],
     weights: Sequence[ArrayLike],
     counts: Sequence[Int[Array, ""]],
     mean: Mean,
     stands: Float[Array, "3"],
 ) -> MotionStyle:
-    """:func:`motion_style` of clips that are checked, with weights f[T] or f[T, J] of the frames of
-    each, of which the first ``counts`` count; the root's channels have the body's. ``stands``: its
-    axis that points up."""
+    """:func:`motion_style` of clips that are checked, with the root's channels of each, and weights
+    f[T] or f[T, J] of its frames, of which the first ``counts`` count; the root's channels have the
+    body's. ``stands``: its axis that points up."""
     kind, skeleton = clips[0].dtype, clips[0].skeleton
     joints, stands = skeleton.num_joints, jnp.asarray(stands, kind)
     clips = [clip.astype(kind) for clip in clips]
@@ -218,11 +221,11 @@ def statistics(
     covariance = jnp.einsum("tj,tja,tjb->jab", share, v, v)
     ends = np.cumsum([clip.num_frames for clip in clips])[:-1]
     tempo = _tempo(clips, jnp.split(w, ends), counted, covariance)
-    rows = jnp.concatenate([encode(clip, stands, n)[0] for clip, n in pairs])
     of_body = share[:, body_of(clips[0])]
-    root_mean = of_body @ rows
+    channels = jnp.concatenate([x.astype(kind) for x in rows])
+    root_mean = of_body @ channels
     still = jnp.max(jnp.stack([rounding(clip) for clip in clips]), axis=0)
-    spread = safe_sqrt(of_body @ (rows - root_mean) ** 2, still**2)
+    spread = safe_sqrt(of_body @ (channels - root_mean) ** 2, still**2)
     return MotionStyle(
         skeleton.names, middle, covariance, root_mean, spread, stands, tempo, up=skeleton.up
     )
@@ -231,7 +234,7 @@ def statistics(
 def _tempo(
     clips: list[Motion],
     weights: list[Array],
-    counted: list[Bool[Array, " time"]],
+    counted: list[Bool[Array, " _"]],
     covariance: Float[Array, "joint 3 3"],
 ) -> Float[Array, ""]:
     """ω̄ of the module; a step counts as the frames at its ends do."""

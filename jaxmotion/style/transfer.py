@@ -25,7 +25,7 @@ from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._plain import quoted
 from jaxmotion._portable import Portable
-from jaxmotion._room import Room, room_for
+from jaxmotion._room import room_for
 from jaxmotion._summary import some
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, cleanup_footskate, detect, replant
@@ -33,15 +33,15 @@ from jaxmotion.contacts.contact import check_kept
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.style.carry import carried, in_tempo, ratio
-from jaxmotion.style.correspondence import Warp, corresponding, strides
-from jaxmotion.style.root import body_of, upright
+from jaxmotion.style.correspondence import Warp, corresponding, strides, without_room
+from jaxmotion.style.root import Start, body_of, encode, upright
 from jaxmotion.style.statistics import MEANS, STILL, Mean, MotionStyle, mixed, statistics
 from jaxmotion.timing import MotionWarp
-from jaxmotion.timing.motion_warping import cut_warp
 
 Deviation: TypeAlias = Literal["scalar", "covariance"]
 Side: TypeAlias = Literal["right", "left"]
 Match: TypeAlias = Literal["skeleton", "names"]
+_Body: TypeAlias = tuple[Float[Array, "time 6"], Start]
 
 
 class StyleReport(Portable):
@@ -156,9 +156,13 @@ def transfer_style(
     given = source, reference, amount, cap
     rooms = room_for(source, given), room_for(reference, given)
     clips = rooms[0].fill(source), rooms[1].fill(reference).astype(source.dtype)
-    found, own, other = _compared(clips, rooms, theirs, mean, warp)
-    count = rooms[0].count
-    motion, goal, report = _restyled(clips[0], count, own, other, amount, cap, theirs, plan)
+    counts = rooms[0].count, rooms[1].count
+    steps = strides(rooms[0].frames, rooms[1].frames)
+    found, own, other, body = _compared(*clips, counts, steps, theirs, mean, warp)
+    motion, goal, report = _restyled(
+        clips[0], counts[0], body, own, other, amount, cap, theirs, plan
+    )
+    found = None if found is None else without_room(found, rooms, steps, warp)
     motion = _planted(source, rooms[0].cut(motion), keep_contacts, plan)
     return StyleTransfer(motion, found, own, goal, report)
 
@@ -213,8 +217,10 @@ def apply_style(
     style = jax.tree.map(lambda x: jnp.asarray(x, kind), style)
     room = room_for(motion, style, amount, cap)
     clip = room.fill(motion)
-    own = statistics([clip], [_alike(clip)], [room.count], mean, style.root_upright)
-    edited, _, _ = _restyled(clip, room.count, own, style, amount, cap, theirs, plan)
+    body = encode(clip, style.root_upright, room.count)
+    alike = np.ones(clip.num_frames, clip.dtype)
+    own = statistics([clip], [body[0]], [alike], [room.count], mean, style.root_upright)
+    edited, _, _ = _restyled(clip, room.count, body, own, style, amount, cap, theirs, plan)
     return _planted(motion, room.cut(edited), keep_contacts, plan)
 
 
@@ -304,46 +310,42 @@ def _amounts(
     return motion, amount, jnp.asarray(cap, motion.dtype)
 
 
+@compiled
 def _compared(
-    clips: tuple[Motion, Motion],
-    rooms: tuple[Room, Room],
+    source: Motion,
+    reference: Motion,
+    counts: tuple[Int[Array, ""], Int[Array, ""]],
+    steps: tuple[int, int],
     theirs: tuple[int, ...],
     mean: Mean,
     warp: Warp | None,
-) -> tuple[MotionWarp | None, MotionStyle, MotionStyle]:
-    """How they go in time, and the manner of each, of its own joints."""
-    counts = rooms[0].count, rooms[1].count
-    stands = upright(clips[1], counts[1])
+) -> tuple[MotionWarp | None, MotionStyle, MotionStyle, _Body]:
+    """How they go in time, the manner of each, of its own joints, and the source's body."""
+    clips = source, reference
+    stands = upright(reference, counts[1])
+    bodies = [encode(clip, stands, n) for clip, n in zip(clips, counts, strict=True)]
 
     def styles(weights):
-        each = zip(clips, weights, counts, strict=True)
-        return [statistics([clip], [w], [count], mean, stands) for clip, w, count in each]
+        each = zip(clips, bodies, weights, counts, strict=True)
+        return [statistics([c], [body[0]], [w], [n], mean, stands) for c, body, w, n in each]
 
-    played = styles([_alike(clip) for clip in clips])
+    played = styles([jnp.ones(clip.num_frames, clip.dtype) for clip in clips])
     if warp is None:
-        return None, played[0], played[1]
-    steps = strides(rooms[0].frames, rooms[1].frames)
-    found, *weights = corresponding(*clips, counts, steps, theirs, warp)
+        return None, played[0], played[1], bodies[0]
+    found, *weights = corresponding(source, reference, counts, steps, theirs, warp)
     # A warp bends time: the tempo is that of the clips as they are played.
     own, other = (
         eqx.tree_at(lambda style: style.tempo, style, plain.tempo)
         for style, plain in zip(styles(weights), played, strict=True)
     )
-    taken = [
-        room._replace(frames=-(-room.frames // k)) for room, k in zip(rooms, steps, strict=True)
-    ]
-    return cut_warp(found, *taken, axis=int(warp == "per_channel")), own, other
-
-
-def _alike(clip: Motion) -> Float[np.ndarray, " time"]:
-    """Weights of frames that count alike."""
-    return np.ones(clip.num_frames, clip.dtype)
+    return found, own, other, bodies[0]
 
 
 @compiled
 def _restyled(
     motion: Motion,
     count: Int[Array, ""],
+    body: _Body,
     own: MotionStyle,
     other: MotionStyle,
     amount: Float[Array, ""],
@@ -366,21 +368,18 @@ def _restyled(
     towards = mixed([own, goal], jnp.stack([1 - amount, amount]))
     chosen = np.array(plan.joints)
     longer = jnp.ones_like(towards.tempo)
+    channels, start = body
     if plan.tempo:
-        motion, own, longer = in_tempo(motion, own, towards.tempo)
+        motion, channels, own, longer = in_tempo(motion, channels, own, towards.tempo)
     edited = carried(
-        motion, count, own, towards, joints=plan.joints, root=plan.root, deviation=plan.deviation,
-        side=plan.side, cap=cap,
+        motion, count, (channels, start), own, towards, joints=plan.joints, root=plan.root,
+        deviation=plan.deviation, side=plan.side, cap=cap,
     )  # fmt: skip
     turned = jnp.where(chosen, quaternion.distance(own.mean, towards.mean), 0)
     scaled = jnp.where(chosen, ratio(own.deviation, towards.deviation, cap), 1)
     still = jnp.asarray(chosen) & (own.deviation < STILL)
-    body = body_of(motion)
-    left = tuple(
-        name
-        for j, name in enumerate(own.joints)
-        if not (plan.joints[j] or (plan.root and j == body))
-    )
+    changed = [on or (plan.root and j == body_of(motion)) for j, on in enumerate(plan.joints)]
+    left = tuple(name for name, on in zip(own.joints, changed, strict=True) if not on)
     return edited, goal, StyleReport(own.joints, turned, scaled, still, longer, left)
 
 

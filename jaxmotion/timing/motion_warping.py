@@ -151,8 +151,8 @@ def motion_warping(
     """
     for name, value in (("source", source), ("reference", reference)):
         no_module(f"motion_warping: {name}", value, "jaxmotion.timing.align takes motions")
-    finite = [(abs(known(x)) < np.inf).all() for x in (source, reference)]
-    source, reference = jnp.asarray(source), jnp.asarray(reference)
+    source, reference = known(source), known(reference)
+    finite = [(abs(x) < np.inf).all() for x in (source, reference)]
     num_source, num_reference = source.shape[0], reference.shape[0]
     fits = source.ndim == 2 and source.shape[1:] == reference.shape[1:]
     if not fits or 0 in source.shape or not num_reference:
@@ -162,12 +162,13 @@ def motion_warping(
         )
     m = _slope_that_fits(slope, num_source, num_reference)
     smoothness = (scale_smoothness, offset_smoothness)
-    kind = jnp.finfo(source.dtype)
+    dtype = jax.dtypes.canonicalize_dtype(source.dtype)
+    kind = jnp.finfo(dtype)
     least, most = 16 * m * math.sqrt(kind.eps), float(kind.eps) / math.sqrt(kind.tiny)
     if not least <= min(smoothness) <= max(smoothness) <= most:
         raise ValueError(
             f"scale_smoothness={scale_smoothness}, offset_smoothness={offset_smoothness}; want both"
-            f" from {least:.1g} to {most:.1g}, which {source.dtype} can solve with slope {m}"
+            f" from {least:.1g} to {most:.1g}, which {dtype} can solve with slope {m}"
         )
     if not (isinstance(max_iterations, (int, np.integer)) and max_iterations >= 1):
         raise ValueError(
@@ -178,10 +179,9 @@ def motion_warping(
     message = "motion_warping: tolerance must be a share of 0 or more"
     faults += fault(~((share >= 0) & (share < np.inf)), message, got=tolerance)
     source, reference = raise_faults((source, reference), faults)
-    weights = jnp.asarray(smoothness, source.dtype)
-    enough = jnp.asarray(tolerance, source.dtype)
+    weights, enough = jnp.asarray(smoothness, dtype), jnp.asarray(tolerance, dtype)
     rooms = room_for(source, reference, enough), room_for(reference, source, enough)
-    clips = rooms[0].fill(source), rooms[1].fill(reference)
+    clips = jnp.asarray(rooms[0].fill(source)), jnp.asarray(rooms[1].fill(reference))
     counts = rooms[0].count, rooms[1].count
     warp = warped(*clips, counts, shared, m, weights, max_iterations, enough)
     warp = cut_warp(warp, *rooms)

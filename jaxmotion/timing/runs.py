@@ -25,21 +25,25 @@ def by_channel(function, runs, *signal, **static):
 
 @partial(jax.jit, static_argnames="num_refined")
 def source_index(runs, *, num_refined):
+    """Which source frame stands at each refined frame."""
     frames = jnp.arange(runs.shape[0], dtype=runs.dtype)
     return jnp.repeat(frames, runs, total_repeat_length=num_refined)
 
 
 def run_sums(runs, signal):
+    """Sums of a signal on the refined timeline over each source frame's run."""
     index = source_index(runs, num_refined=signal.shape[0])
     return jax.ops.segment_sum(signal, index, runs.shape[0], indices_are_sorted=True)
 
 
 def run_means(runs, signal):
+    """The same, means."""
     sums = run_sums(runs, signal)
     return sums / runs.astype(signal.dtype).reshape((-1,) + (1,) * (sums.ndim - 1))
 
 
 def run_geodesic_means(runs, q):
+    """Means of rotations, one more frame at a time."""
     index = source_index(runs, num_refined=q.shape[0])
     starts = jnp.cumsum(runs) - runs
     place = (jnp.arange(q.shape[0], dtype=runs.dtype) - starts[index]).astype(q.dtype)
