@@ -1,6 +1,6 @@
 """``jaxmotion transfer``: a motion in another's manner."""
 
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -131,8 +131,9 @@ def edit(
     return Edited(pad(found.motion)[0], learned, in_brief(found.report))
 
 
+@lru_cache(maxsize=1)
 def reference_of(path: Path, reading: "Reading") -> "Motion | MotionStyle":
-    """The style or clip in a file."""
+    """The style or clip in a file, which is read once for a whole folder."""
     from jaxmotion.io import MotionFileError
     from jaxmotion.style import MotionStyle
 
@@ -165,7 +166,7 @@ def in_brief(report: "StyleReport") -> str:
     text = f"posture: {', '.join(parts)}" if parts else ""
     if still.size:
         names = ", ".join(report.joints[j] for j in still[:_NAMED])
-        text += f"{'; ' if text else ''}still in the source, not scaled: {names}"
+        text += f"{'; ' if text else ''}still in the source, nothing to scale: {names}"
     return text
 
 

@@ -2,11 +2,13 @@
 
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.style import apply_style, motion_style, transfer_style
+from jaxmotion.cli import transfer
+from jaxmotion.style import StyleReport, apply_style, motion_style, transfer_style
 from tests.cli.conftest import swinging
 from tests.helpers import assert_same_rotation
 
@@ -55,6 +57,28 @@ def test_a_kept_style(jaxmotion, take, other, tmp_path):
     np.savez(tmp_path / "else.npz", x=np.zeros(3))
     result = jaxmotion(*words, "--reference", tmp_path / "else.npz", code=1)
     assert "MotionStyle" in result.stderr
+
+
+def test_a_folder_reads_its_reference_once(jaxmotion, take, other, tmp_path, monkeypatch):
+    clips, asked = tmp_path / "clips", []
+    clips.mkdir()
+    for frames in (40, 33, 21):
+        jm.save(swinging(frames), clips / f"{frames}.bvh")
+    read = transfer.read
+    monkeypatch.setattr(transfer, "read", lambda *a, **b: asked.append(a) or read(*a, **b))
+    jaxmotion(
+        *("transfer", clips, "-o", tmp_path / "out", "--reference", other, "--no-keep-contacts")
+    )
+    assert len(list((tmp_path / "out").glob("*.bvh"))) == 3
+    assert len(asked) == 1
+
+
+def test_joints_that_the_source_holds_still_are_named():
+    turned, still = jnp.radians(jnp.array([3.0, 0, 0])), jnp.array([False, False, True])
+    report = StyleReport(("hips", "arm", "toe"), turned, turned, still, jnp.ones(()), ())
+    assert transfer.in_brief(report) == (
+        "posture: hips 3°; still in the source, nothing to scale: toe"
+    )
 
 
 def test_a_selection_stays_one(jaxmotion, take, other, tmp_path):
