@@ -131,7 +131,7 @@ def edit(
     return Edited(pad(found.motion)[0], learned, in_brief(found.report))
 
 
-@lru_cache(maxsize=1)
+@lru_cache(maxsize=32)
 def reference_of(path: Path, reading: "Reading") -> "Motion | MotionStyle":
     """The style or clip in a file, which is read once for a whole folder."""
     from jaxmotion.io import MotionFileError
