@@ -106,3 +106,20 @@ def test_what_is_refused(jaxmotion, take, tmp_path):
     words = "transfer", take, "-o", out, "--reference", tmp_path / "strange.npz"
     assert "another skeleton" in jaxmotion(*words, code=1).stderr
     assert not out.exists()
+
+
+def test_tempo_brings_the_time_and_keeps_the_rate(jaxmotion, take, other, tmp_path):
+    """A reference that is played at half speed: the result is longer by the ratio of tempos."""
+    slow = jm.load(other)
+    jm.save(slow.replace(frame_time=2 * float(slow.frame_time)), tmp_path / "slow.bvh")
+    words = "transfer", take, "-o", tmp_path / "out.bvh", "--no-keep-contacts", "--tempo"
+    jaxmotion(*words, "--reference", tmp_path / "slow.bvh")
+    source, result = jm.load(take), jm.load(tmp_path / "out.bvh")
+    reference = jm.load(tmp_path / "slow.bvh")
+    found = transfer_style(source, reference, tempo=True, keep_contacts=False)
+    wanted = jm.resample(found.motion, fps=float(source.fps))
+    assert len(result) == len(wanted) > 1.5 * len(source)
+    assert result.frame_time_text == source.frame_time_text
+    assert_same_rotation(result.rotations, wanted.rotations, 1e-3)
+    told = jaxmotion(*words, "--reference", other, "--range", "2:9", code=2).stderr
+    assert "whole clip" in told
