@@ -150,16 +150,24 @@ def ported(source, reference, runs_of):
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_transfer(race, dtype):
-    """A whole transfer without contacts."""
+    """A whole transfer without contacts, at the clips' own sizes and as one of many lengths."""
     numba = pytest.importorskip("numba")
     runs_of = warping(numba)
     clips = [clip(1, SOURCE), clip(2, REFERENCE)]
     given = [jax.tree.map(lambda x: jnp.asarray(x, dtype), x) for x in clips]
     ported(*clips, runs_of)
+
+    def padded():
+        return transfer_style(*given, keep_contacts=False).motion.rotations
+
+    def own_size():
+        with jm.buckets(False):
+            return padded()
+
     ours, theirs = race(
         f"style transfer {SOURCE} on {REFERENCE} frames, {JOINTS} joints {dtype}",
-        lambda: transfer_style(*given, keep_contacts=False).motion.rotations,
-        {"NumPy, numba": lambda: ported(*clips, runs_of)},
+        own_size,
+        {"NumPy, numba": lambda: ported(*clips, runs_of), "of many lengths": padded},
         goals={"NumPy, numba": 15.0},
     )
     away = log(multiply(conjugate(theirs["NumPy, numba"]), np.asarray(ours, float)))[:, 1:]

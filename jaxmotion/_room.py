@@ -17,7 +17,9 @@ from typing import Any, NamedTuple, TypeVar
 import equinox as eqx
 import jax
 import numpy as np
+from jaxtyping import Array, Int
 
+from jaxmotion._types import AnyArray
 from jaxmotion.displacement import Displacement
 from jaxmotion.frames.padding import LONGEST, padded, program_size, shares_programs
 from jaxmotion.motion import Motion
@@ -36,14 +38,20 @@ class Room(NamedTuple):
         """What to pass as ``length=``, None where nothing is padded."""
         return self.frames if self.size else None
 
+    @property
+    def count(self) -> Int[Array, ""]:
+        """How many frames count, as an array: a program is compiled for any number."""
+        return jax.device_put(np.array(self.frames, np.int32))
+
     def fill(self, clip: Clip, parts: Callable[[Clip], tuple] | None = None) -> Clip:
         """A motion or an array f[T, ...] at the size; or a tree, of which ``parts`` picks such."""
         return self._mapped(clip, lambda x: padded(x, self.size), parts)
 
-    def cut(self, clip: Clip, parts: Callable[[Clip], tuple] | None = None) -> Clip:
+    def cut(self, clip: Clip, parts: Callable[[Clip], tuple] | None = None, axis: int = 0) -> Clip:
         """A motion, displacement or array at the size, without the frames that do not count; or a
-        tree, of which ``parts`` picks such."""
-        return self._mapped(clip, lambda x: x[: self.frames], parts)
+        tree, of which ``parts`` picks such; ``axis``: where an array's frames are."""
+        counted = (slice(None),) * axis + (slice(self.frames),)
+        return self._mapped(clip, lambda x: x[counted], parts)
 
     def _mapped(
         self, clip: Any, change: Callable[[Any], Any], parts: Callable[[Any], tuple] | None = None
@@ -63,10 +71,11 @@ class Room(NamedTuple):
 
 
 def room_for(
-    motion: Motion, *given: Any, length: Any = None, longest: int | float = LONGEST
+    clip: Motion | AnyArray, *given: Any, length: Any = None, longest: int | float = LONGEST
 ) -> Room:
-    """Room for a motion of up to ``longest`` frames; none where it or anything ``given`` is traced,
-    a ``length`` is given, or for one frame, which does not determine what comes after it."""
-    frames = motion.num_frames
-    shared = length is None and frames <= longest and shares_programs(frames, motion, given)
+    """Room for a motion or an array f[T, ...] of up to ``longest`` frames; none where it or
+    anything ``given`` is traced, a ``length`` is given, or for one frame, which does not determine
+    what comes after it."""
+    frames = len(clip)
+    shared = length is None and frames <= longest and shares_programs(frames, clip, given)
     return Room(frames, program_size(frames) if shared else 0)

@@ -80,7 +80,8 @@ class Effect:
 @dataclass(frozen=True)
 class Edited:
     """What an edit makes of a clip, a function to ask, if there is a report, for what it learned of
-    it, and a ``note`` on it."""
+    it, and a ``note`` on it. Where its frames last longer or shorter than the clip's, the result is
+    brought back to the clip's rate."""
 
     motion: "Motion"
     learned: Callable[[], Learned] = dict
@@ -152,9 +153,20 @@ def edit_file(editing: Editing, job: Job) -> Effect:
     )
     result = finite(unpadded(kept, length))
     change = metrics.difference(motion, result, world=editing.measured)
+    result = _at_rate_of(motion, result)
     write(result, job.target, overwrite=editing.overwrite, up=editing.out_up)
     learned = edit.learned() if editing.measured else {}
     return Effect((Clip.of(motion),), Clip.of(result), "", change, skate, learned, edit.note)
+
+
+def _at_rate_of(motion: "Motion", result: "Motion") -> "Motion":
+    """The result at the clip's frame time."""
+    import jaxmotion as jm
+
+    if float(result.frame_time) == float(motion.frame_time):
+        return result
+    result = jm.resample(result, fps=float(motion.fps))
+    return motion.with_transforms(result.translations, result.rotations)
 
 
 def finite(motion: "Motion") -> "Motion":

@@ -1,7 +1,7 @@
 """``jaxmotion augment``: sound variations of a motion."""
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -106,7 +106,7 @@ def command(batch: Batch, running: Running, styles: tuple[str, ...], **options: 
         raise click.UsageError(f"--alpha {low:g} {high:g}: the lesser gain comes first")
     if wanted.limits:
         found = _files.expand(wanted.limits, avoid=batch.out)
-        wanted = Wanted(**(vars(wanted) | {"limits": tuple(str(file.path) for file in found)}))
+        wanted = replace(wanted, limits=tuple(str(file.path) for file in found))
     jobs = _files.plan_folders(_files.expand(batch.files, avoid=batch.out), batch.out)
     names = _names(wanted.count)
     process = partial(_augment, batch, wanted)

@@ -1,6 +1,6 @@
 """``jaxmotion transfer``: a motion in another's manner."""
 
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +62,12 @@ _NAMED = 5
     help="Also how fast and how upright it goes.",
 )
 @click.option(
+    "--tempo/--no-tempo",
+    default=False,
+    show_default=True,
+    help="Also how fast: the result gets longer or shorter, at the file's own rate.",
+)
+@click.option(
     "--max-ratio",
     type=click.FloatRange(min=0, min_open=True),
     help="The most that a joint's movement may be multiplied by.",
@@ -85,13 +91,14 @@ def command(
     deviation: str,
     warp: bool,
     root: bool,
+    tempo: bool,
     max_ratio: float | None,
     match: str,
     keep_contacts: bool | None,
 ) -> None:
     """Give a motion the style of another: its postures, how far joints go, how fast it walks.
 
-    What it does, and when, stays its own.
+    What it does, and when, stays its own; with --tempo also how long it takes is the other's.
 
     \b
     jaxmotion transfer walk.bvh -o tired-walk.bvh --reference tired.bvh
@@ -100,8 +107,10 @@ def command(
     """
     from jaxmotion.cli._batch import edit_files
 
-    options = {"strength": amount, "deviation": deviation, "root": root, "match": match}
-    options |= {"max_ratio": max_ratio}
+    if tempo and not selection.everything:
+        raise click.UsageError("--tempo changes the time of the whole clip; choose no part of it")
+    options = {"strength": amount, "deviation": deviation, "root": root, "tempo": tempo}
+    options |= {"max_ratio": max_ratio, "match": match}
     made = partial(
         edit, reference=Path(reference), reading=batch.reading, warp=warp, options=options
     )
@@ -131,8 +140,9 @@ def edit(
     return Edited(pad(found.motion)[0], learned, in_brief(found.report))
 
 
+@lru_cache(maxsize=32)
 def reference_of(path: Path, reading: "Reading") -> "Motion | MotionStyle":
-    """The style or clip in a file."""
+    """The style or clip in a file, which is read once for a whole folder."""
     from jaxmotion.io import MotionFileError
     from jaxmotion.style import MotionStyle
 
@@ -165,7 +175,7 @@ def in_brief(report: "StyleReport") -> str:
     text = f"posture: {', '.join(parts)}" if parts else ""
     if still.size:
         names = ", ".join(report.joints[j] for j in still[:_NAMED])
-        text += f"{'; ' if text else ''}still in the source, not scaled: {names}"
+        text += f"{'; ' if text else ''}still in the source, nothing to scale: {names}"
     return text
 
 

@@ -231,7 +231,17 @@ def replant(motion: Motion, contacts: Contacts) -> Contacts:
     """
     check_frames(motion, contacts, "replant")
     finite_clip("replant", motion)
+    room = room_for(motion, contacts)
+    target = room.cut(_targets(room.fill(motion), room.fill(contacts, over_time), room.count))
+    return eqx.tree_at(lambda c: c.target, contacts, target)
+
+
+@eqx.filter_jit
+def _targets(
+    motion: Motion, contacts: Contacts, count: Int[Array, ""]
+) -> Float[Array, "time point 3"]:
+    """Where the motion has the points, means over the contacts among the frames that count."""
     origin = origin_of(motion)
     positions = contacts.points.positions(motion_near(motion, origin))
-    target = mean_over_runs(contacts.mask, positions, contacts.confidence)
-    return eqx.tree_at(lambda c: c.target, contacts, target + origin)
+    mask = contacts.mask & frame_mask(count, motion.num_frames)[:, None]
+    return mean_over_runs(mask, positions, contacts.confidence) + origin

@@ -30,8 +30,9 @@ from jaxmotion._checks import counted, one_number, require, traced
 from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
+from jaxmotion._room import room_for
 from jaxmotion._types import ScalarLike
-from jaxmotion.contacts.contact import Contacts, Limb, check_frames
+from jaxmotion.contacts.contact import Contacts, Limb, check_frames, over_time
 from jaxmotion.contacts.distances import move_later
 from jaxmotion.contacts.limb_ik import LimbTurn, bend_axis, limb_ik
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, origin_of
@@ -96,7 +97,9 @@ def cleanup_footskate(
     finite_clip("cleanup_footskate", motion, length=length)
     level = None if floor is None else jnp.asarray(floor, kind)
     stretched = None if stretch == 0 else jnp.asarray(stretch, kind)
-    return _cleanup(motion, contacts, feet, stretched, jnp.asarray(fade, kind), level, count)
+    room = room_for(motion, contacts, fade, level, length=length)
+    filled = room.fill(motion), room.fill(contacts, over_time)
+    return room.cut(_cleanup(*filled, feet, stretched, jnp.asarray(fade, kind), level, count))
 
 
 def _feet_of(skeleton: Skeleton, contacts: Contacts) -> _Feet:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 
 class Symmetric(NamedTuple):
@@ -36,14 +36,20 @@ class Symmetric(NamedTuple):
         return Symmetric(factor * self.aa, factor * self.ab, factor * self.bb)
 
 
-def solve_walk(gram: Symmetric, pull: Float[Array, "time 2 channel"]) -> Array:
-    """The minimiser x for ``gram`` G, each entry ``(T, C)``, and ``pull`` p.
+def solve_walk(
+    gram: Symmetric, pull: Float[Array, "time 2 channel"], counts: Bool[Array, " time"]
+) -> Array:
+    """The minimiser x for ``gram`` G, each entry ``(T, C)``, and ``pull`` p, of the frames that
+    count, the first ones; 0 for the rest, where G must be 0.
 
     Differentiable in both, implicitly.
     """
+    last_frame = jnp.sum(counts) - 1
+    counts = counts[:, None, None]
+    joined = counts[1:]
 
     def matvec(x):
-        steps = jnp.diff(x, axis=0)
+        steps = jnp.where(joined, jnp.diff(x, axis=0), 0)
         return (gram @ x).at[1:].add(steps).at[:-1].add(-steps)
 
     fixed = lax.stop_gradient(gram)
@@ -63,19 +69,19 @@ def solve_walk(gram: Symmetric, pull: Float[Array, "time 2 channel"]) -> Array:
 
         nothing = jax.tree.map(lambda x: jnp.zeros_like(x[0]), (fixed, pull))
         _, (keep, mean, total, pulls) = lax.scan(forward, nothing, (fixed, pull))
-        last, pull = jax.tree.map(lambda x: x[-1], (total, pulls))
+        last, pull = jax.tree.map(lambda x: x[last_frame], (total, pulls))
         spread = jnp.sqrt(jnp.stack([last.aa, last.bb]))
         tie = last.ab / (spread[0] * spread[1])
         one = jnp.ones_like(tie)
         end = Symmetric(one, -tie, one).times(1 / (1 - tie**2)) @ (pull / spread) / spread
 
         def backward(after, frame):
-            keep, mean = frame
-            x = mean + keep @ after
+            keep, mean, joined = frame
+            x = jnp.where(joined, mean + keep @ after, after)
             return x, x
 
-        before = jax.tree.map(lambda x: x[:-1], (keep, mean))
-        x = lax.scan(backward, end, before, reverse=True)[1]
-        return jnp.concatenate([x, end[None]])
+        keep, mean = jax.tree.map(lambda x: x[:-1], (keep, mean))
+        x = lax.scan(backward, end, (keep, mean, joined), reverse=True)[1]
+        return jnp.where(counts, jnp.concatenate([x, end[None]]), 0)
 
     return lax.custom_linear_solve(matvec, pull, solve, symmetric=True)

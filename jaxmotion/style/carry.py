@@ -21,18 +21,20 @@ has sunk, so that the mean height is that of a body in these poses. O(T·J).
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._types import AnyArray
 from jaxmotion.linalg.symmetric import symmetric_function
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import RATES, decode, encode
+from jaxmotion.style.root import RATES, Start, decode
 from jaxmotion.style.statistics import STILL, MotionStyle, deviations, square_root
 
 
 def carried(
     motion: Motion,
+    count: Int[Array, ""],
+    body: tuple[Float[Array, "time 6"], Start],
     own: MotionStyle,
     goal: MotionStyle,
     *,
@@ -42,9 +44,10 @@ def carried(
     side: str,
     cap: Float[AnyArray, ""] | None,
 ) -> Motion:
-    """The motion with ``goal``'s statistics for its ``own``, of these ``joints`` and of the
-    ``root``."""
-    away = deviations(own.mean, motion.rotations)
+    """The motion, of which the first ``count`` frames count, with ``goal``'s statistics for its
+    ``own``, of these ``joints`` and of the ``root``. ``body``: its channels, as ``encode`` gives
+    them for the goal."""
+    away = deviations(own.mean, motion.rotations, count)
     covariance = jnp.asarray(own.covariance)
     if side == "right":
         turn = quaternion.between(goal.mean, own.mean)
@@ -63,14 +66,16 @@ def carried(
     edited = motion.with_transforms(rotations=rotations)
     if not root:
         return edited
-    channels, start = encode(motion, goal.root_upright)
+    channels, start = body
     channels = _root_ratio(own, goal, cap) * (channels - own.root_mean) + goal.root_mean
-    return decode(channels, start, goal.root_upright, edited)
+    return decode(channels, start, goal.root_upright, edited, count)
 
 
-def in_tempo(motion: Motion, own: MotionStyle, tempo: Array) -> tuple[Motion, MotionStyle, Array]:
-    """The motion and its own manner with time stretched to that tempo, and by how much; by 1 where
-    either is still."""
+def in_tempo(
+    motion: Motion, channels: Float[Array, "time 6"], own: MotionStyle, tempo: Array
+) -> tuple[Motion, Array, MotionStyle, Array]:
+    """The motion, the channels of its body and its own manner with time stretched to that tempo,
+    and by how much; by 1 where either is still."""
     mine = jnp.asarray(own.tempo)
     still = (mine <= 0) | (tempo <= 0)
     longer = jnp.where(still, 1, mine / jnp.where(still, 1, tempo))
@@ -80,7 +85,8 @@ def in_tempo(motion: Motion, own: MotionStyle, tempo: Array) -> tuple[Motion, Mo
         own,
         (scale * own.root_mean, scale * own.root_deviation, mine / longer),
     )
-    return motion.replace(frame_time=motion.frame_time * longer), slower, longer
+    slow = motion.replace(frame_time=motion.frame_time * longer)
+    return slow, scale * channels, slower, longer
 
 
 def ratio(

@@ -10,58 +10,83 @@ warp, which averages them, gives back the frame it began with.
 The channels are the deviations of all joints below the body's from their means, and its lean; where
 it goes and which way do not count. Clips of more than 2048 frames, and one of more than twice
 the other's length, are warped at every k-th frame, which stands for the k that begin there: memory
-stays below 2048 × 4096 numbers, time O(T).
+stays below 2048 × 4096 numbers, time O(T). No more than twice the other's frames are warped.
 """
 
 import math
 from typing import Literal, TypeAlias
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
+from jaxmotion._room import Room
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion import mean
-from jaxmotion.style.root import body_of, lean, upright
+from jaxmotion.style.root import body_of, counting, lean, upright
 from jaxmotion.style.statistics import deviations
-from jaxmotion.timing import MotionWarp, motion_warping
+from jaxmotion.timing.motion_warping import ENOUGH, ROUNDS, SMOOTHNESS, MotionWarp, cut_warp, warped
 
 Warp: TypeAlias = Literal["shared", "per_channel"]
 _MOST = 2048
+_SLOPE = 2
 
 
+@eqx.filter_jit
 def corresponding(
-    source: Motion, reference: Motion, theirs: tuple[int, ...], warp: Warp
+    source: Motion,
+    reference: Motion,
+    counts: tuple[Int[Array, ""], Int[Array, ""]],
+    steps: tuple[int, int],
+    theirs: tuple[int, ...],
+    warp: Warp,
 ) -> tuple[MotionWarp, Float[Array, "source ..."], Float[Array, "reference ..."]]:
     """The warp, and the weight of every frame of both clips: f[T], or with "per_channel", where
-    each joint has a warp of its own and the root that of its lean, f[T, J]. ``theirs``: the
-    reference's joint for each of the source's, -1 for none."""
-    sizes = source.num_frames, reference.num_frames
-    steps = strides(*sizes)
+    each joint has a warp of its own and the root that of its lean, f[T, J]. ``counts``: how many
+    frames of each count; ``steps``: the :func:`strides` of these; ``theirs``: the reference's joint
+    for each of the source's, -1 for none."""
+    clips = source, reference
     # The bodies go by their lean, whatever their names.
     bodies = body_of(source), body_of(reference)
     below = [(j, k) for j, k in enumerate(theirs) if j > bodies[0] and k > bodies[1]]
     paired = list(zip(bodies, *below, strict=True))
     channels = [
-        lax.stop_gradient(_channels(clip)[::k, np.array(joints)])
-        for clip, joints, k in zip((source, reference), paired, steps, strict=True)
+        lax.stop_gradient(_channels(clip, n)[::k, np.array(joints)])
+        for clip, n, k, joints in zip(clips, counts, steps, paired, strict=True)
     ]
+    taken = (counts[0] + steps[0] - 1) // steps[0], (counts[1] + steps[1] - 1) // steps[1]
+    kind = source.dtype
+    smoothness, enough = jnp.full(2, SMOOTHNESS, kind), jnp.asarray(ENOUGH, kind)
+
+    def beside(x: Array, y: Array) -> tuple[MotionWarp, tuple[Array, Array]]:
+        found = warped(x, y, taken, True, _SLOPE, smoothness, ROUNDS, enough)
+        return found, _pairs(found, taken[1])
+
     if warp == "shared":
-        found = motion_warping(*(x.reshape(len(x), -1) for x in channels))
-        weights = _pairs(found)
+        found, weights = beside(*(x.reshape(len(x), -1) for x in channels))
     else:
-        found = jax.vmap(motion_warping, in_axes=(1, 1))(*channels)
-        weights = jax.vmap(_pairs, out_axes=1)(found)
+        found, weights = jax.vmap(beside, 1, (0, 1))(*channels)
     whole = []
-    for clip, w, joints, k in zip((source, reference), weights, paired, steps, strict=True):
-        w = jnp.repeat(w.astype(clip.dtype), k, axis=0)[: clip.num_frames]
+    for clip, w, joints, k in zip(clips, weights, paired, steps, strict=True):
+        w = jnp.repeat(w.astype(kind), k, axis=0)[: clip.num_frames]
         if warp == "per_channel":
-            every = jnp.ones((clip.num_frames, clip.num_joints), clip.dtype)
+            every = jnp.ones((clip.num_frames, clip.num_joints), kind)
             w = every.at[:, np.array(joints)].set(w)
         whole.append(w)
     return found, whole[0], whole[1]
+
+
+def without_room(
+    found: MotionWarp, rooms: tuple[Room, Room], steps: tuple[int, int], warp: Warp | None
+) -> MotionWarp:
+    """The warp of the frames that count, of one of clips in these rooms."""
+    source, reference = (
+        Room(-(-room.frames // k), room.size) for room, k in zip(rooms, steps, strict=True)
+    )
+    return cut_warp(found, source, reference, axis=int(warp == "per_channel"))
 
 
 def strides(source: int, reference: int) -> tuple[int, int]:
@@ -72,17 +97,20 @@ def strides(source: int, reference: int) -> tuple[int, int]:
     )
 
 
-def _channels(motion: Motion) -> Float[Array, "time joint 3"]:
+def _channels(motion: Motion, count: Int[Array, ""]) -> Float[Array, "time joint 3"]:
     """Deviations of every joint; of the body the lean, with a 0."""
-    middle = mean(motion.rotations, method="chordal")
-    leant = lean(motion, upright(motion))
-    leant = jnp.pad(leant - jnp.mean(leant, axis=0), ((0, 0), (0, 1)))
-    return deviations(middle, motion.rotations).at[:, body_of(motion)].set(leant)
+    counts = counting(count, motion.num_frames)
+    middle = mean(motion.rotations, counts.astype(motion.dtype), method="chordal")
+    leant = lean(motion, upright(motion, count))
+    leant = leant - jnp.mean(leant, axis=0, where=counts[:, None])
+    away = deviations(middle, motion.rotations, count)
+    return away.at[:, body_of(motion)].set(jnp.pad(leant, ((0, 0), (0, 1))))
 
 
-def _pairs(warp: MotionWarp) -> tuple[Array, Array]:
-    """How many frames of the other clip each frame stands beside."""
-    new = warp.is_new_pair.astype(warp.runs.dtype)
+def _pairs(warp: MotionWarp, count: Int[Array, ""]) -> tuple[Array, Array]:
+    """How many frames of the other clip each frame stands beside, of ``count`` of the reference."""
+    counts = counting(warp.repeats * count, warp.num_refined)
+    new = (warp.is_new_pair & counts).astype(warp.runs.dtype)
     ends = warp.source_index, warp.reference_index
     sizes = warp.runs.shape[0], warp.num_refined // warp.repeats
     source, reference = (

@@ -16,15 +16,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import instance_of, one_of, static
+from jaxmotion._checks import instance_of, known, one_of, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_sqrt
+from jaxmotion._room import room_for
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import HEIGHT, body_of
+from jaxmotion.style.root import HEIGHT, body_of, encode
 from jaxmotion.style.statistics import MEANS, Mean, MotionStyle, square_root, statistics
 from jaxmotion.style.transfer import matched, selected
 
@@ -72,7 +73,7 @@ def style_distance(
     body = body_of(motion)
     of_joints = tuple((np.flatnonzero(used[body + 1 :]) + body + 1).tolist())
     if weights is None:
-        weights = np.ones(motion.num_frames)
+        weights = np.ones(motion.num_frames, motion.dtype)
     if np.shape(weights) != (motion.num_frames,):
         raise ValueError(
             f"{caller}: weights have shape {np.shape(weights)}; want ({motion.num_frames},)"
@@ -80,12 +81,15 @@ def style_distance(
     whole = root and bool(used[body])
     if not of_joints and not whole:
         raise ValueError(f"{caller}: no joint is left to compare")
-    return _distance(motion, style, weights, of_joints, theirs, whole, mean)
+    room = room_for(motion, style, weights)
+    motion, weights = room.fill(motion), room.fill(known(weights))
+    return _distance(motion, room.count, style, weights, of_joints, theirs, whole, mean)
 
 
 @eqx.filter_jit
 def _distance(
     motion: Motion,
+    count: Int[Array, ""],
     style: MotionStyle,
     weights: ArrayLike,
     joints: tuple[int, ...],
@@ -95,7 +99,8 @@ def _distance(
 ) -> Float[Array, ""]:
     kind = motion.dtype
     style = jax.tree.map(lambda x: jnp.asarray(x, kind), style)
-    own = statistics([motion], [weights], mean, style.root_upright)
+    channels, _ = encode(motion, style.root_upright, count)
+    own = statistics([motion], [channels], [weights], [count], mean, style.root_upright)
     total = jnp.zeros((), kind)
     if joints:
         mine, other = np.array(joints), np.array(theirs)[list(joints)]

@@ -16,17 +16,21 @@ the last one down a chain of only children that are translated. Its channels are
 what stands above it keeps still.
 
 The ground is where the lowest joint is in the lowest tenth of the frames.
+
+``count``: how many frames count, the first ones, None for all.
 """
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._numerics import rounding_angle
 from jaxmotion._types import AnyArray, Quaternion, Vector3
+from jaxmotion.frames.count import frame_mask
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion.arcs import shortest_arc, twist
@@ -61,13 +65,20 @@ def body_of(motion: Motion) -> int:
     return joint
 
 
-def upright(motion: Motion) -> Vector3:
+@eqx.filter_jit
+def upright(motion: Motion, count: Int[Array, ""] | None = None) -> Vector3:
     """Which of the body's own axes, or their opposites, points up most of the time: f[3]."""
     up = jnp.asarray(_axes(motion).up, motion.dtype)
     _, turned = _pose(motion, body_of(motion))
-    own = jnp.mean(quaternion.rotate(quaternion.conjugate(turned), up), axis=0)
+    own = quaternion.rotate(quaternion.conjugate(turned), up)
+    own = jnp.mean(own, axis=0, where=counting(count, len(own))[:, None])
     most = jnp.argmax(jnp.abs(own))
     return jnp.sign(own[most]) * jnp.eye(3, dtype=own.dtype)[most]
+
+
+def counting(count: Int[Array, ""] | None, frames: int) -> Bool[Array, " time"]:
+    """Which of the frames count."""
+    return frame_mask(jnp.asarray(frames if count is None else count, jnp.int32), frames)
 
 
 def lean(motion: Motion, upright: Vector3) -> Float[Array, "time 2"]:
@@ -75,7 +86,10 @@ def lean(motion: Motion, upright: Vector3) -> Float[Array, "time 2"]:
     return _posture(motion, upright)[2]
 
 
-def encode(motion: Motion, upright: Vector3) -> tuple[Float[Array, "time 6"], Start]:
+@eqx.filter_jit
+def encode(
+    motion: Motion, upright: Vector3, count: Int[Array, ""] | None = None
+) -> tuple[Float[Array, "time 6"], Start]:
     """The channels of a clip's body, and where it begins."""
     ahead, aside, up = (jnp.asarray(axis, motion.dtype) for axis in _axes(motion))
     position, yaw, lean = _posture(motion, upright)
@@ -83,7 +97,7 @@ def encode(motion: Motion, upright: Vector3) -> tuple[Float[Array, "time 6"], St
     step = quaternion.rotate(quaternion.conjugate(yaw[:-1]), jnp.diff(position, axis=0))
     rates = jnp.stack([step @ ahead, step @ aside, turn], axis=-1) / motion.frame_time
     rates = jnp.concatenate([rates[:1] if len(rates) else jnp.zeros((1, 3), rates.dtype), rates])
-    level = _ground(motion)
+    level = _ground(motion, count)
     height = (position @ up - level)[:, None]
     return jnp.concatenate([rates, height, lean], axis=-1), Start(position[0], yaw[0], level)
 
@@ -97,7 +111,11 @@ def rounding(motion: Motion) -> Float[Array, "6"]:
 
 
 def decode(
-    channels: Float[AnyArray, "time 6"], start: Start, upright: Vector3, motion: Motion
+    channels: Float[AnyArray, "time 6"],
+    start: Start,
+    upright: Vector3,
+    motion: Motion,
+    count: Int[Array, ""] | None = None,
 ) -> Motion:
     """The motion with a body that has these channels, and stands on the ground of the start."""
     ahead, aside, up = (jnp.asarray(axis, motion.dtype) for axis in _axes(motion))
@@ -111,7 +129,7 @@ def decode(
     swing = quaternion.exp(lean[0][:, None] * ahead + lean[1][:, None] * aside)
     turned = quaternion.multiply(quaternion.multiply(yaw, swing), shortest_arc(upright, up))
     moved = _hung(motion, position, turned)
-    return _hung(motion, position + (start.ground - _ground(moved)) * up, turned)
+    return _hung(motion, position + (start.ground - _ground(moved, count)) * up, turned)
 
 
 def _hung(motion: Motion, position: Array, turned: Array) -> Motion:
@@ -153,11 +171,13 @@ def _posture(
     return position, yaw, jnp.stack([swing @ ahead, swing @ aside], axis=-1)
 
 
-def _ground(motion: Motion) -> Float[Array, ""]:
+def _ground(motion: Motion, count: Int[Array, ""] | None) -> Float[Array, ""]:
     """The height of what the body stands on."""
     positions = forward_kinematics(motion).positions[:, body_of(motion) :]
     heights = positions[..., motion.skeleton.up_axis]
-    return jnp.quantile(jnp.min(heights, axis=1), jnp.asarray(_LOWEST, heights.dtype))
+    counts = counting(count, motion.num_frames)
+    lowest = jnp.where(counts, jnp.min(heights, axis=1), jnp.nan)
+    return jnp.nanquantile(lowest, jnp.asarray(_LOWEST, heights.dtype))
 
 
 def _walked(steps: Array) -> Array:

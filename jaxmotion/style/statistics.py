@@ -25,7 +25,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._checks import instance_of, known, one_of, require
@@ -34,12 +34,13 @@ from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import angle_over_sine, rounding_angle, safe_sqrt
 from jaxmotion._plain import quoted
 from jaxmotion._portable import Portable
+from jaxmotion._room import room_for
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
 from jaxmotion.io.archive import Archive, write_archive
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.linalg.symmetric import symmetric_function
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import CHANNELS, body_of, encode, rounding, upright
+from jaxmotion.style.root import CHANNELS, body_of, counting, encode, rounding, upright
 
 Mean: TypeAlias = Literal["recursive", "karcher", "chordal"]
 MEANS = ("recursive", "karcher", "chordal")
@@ -169,62 +170,77 @@ def motion_style(
                 "motion_style: clips of other joints, or with another axis up; expected the first "
                 f"clip's, {', '.join(map(quoted, first.names[:12]))}, {first.up} up"
             )
-    sizes = [clip.num_frames for clip in clips]
-    wanted = (len(clips),) if several else (sizes[0],)
-    if weights is None:
-        of_frames = [np.ones(size) for size in sizes]
-    else:
+    lengths = [clip.num_frames for clip in clips]
+    wanted = (len(clips),) if several else (lengths[0],)
+    if weights is not None:
         if np.shape(weights) != wanted:
             raise ValueError(f"motion_style: weights have shape {np.shape(weights)}; want {wanted}")
         value = known(weights)
         bad = ~((value >= 0).all() & (value.sum() > 0) & (value < np.inf).all())
         message = "motion_style: weights must be 0 or more, and not all 0"
         clips[0] = require(clips[0], bad, message, got=weights)
-        value = jnp.asarray(value)
-        parts = [value[k] / sizes[k] for k in range(len(sizes))] if several else [value]
-        of_frames = [jnp.broadcast_to(w, (size,)) for w, size in zip(parts, sizes, strict=True)]
-    return statistics(clips, of_frames, mean)
+    rooms = [room_for(clip, clips, weights) for clip in clips]
+    clips = [room.fill(clip) for room, clip in zip(rooms, clips, strict=True)]
+    of_frames = [np.ones(clip.num_frames, clips[0].dtype) for clip in clips]
+    if weights is not None:
+        value = value.astype(clips[0].dtype)
+        of_frames = [rooms[0].fill(value)]
+        if several:
+            parts = [value[k] / length for k, length in enumerate(lengths)]
+            of_frames = [jnp.full(c.num_frames, w) for c, w in zip(clips, parts, strict=True)]
+    counts = [room.count for room in rooms]
+    stands = upright(clips[0], counts[0])
+    rows = [encode(clip, stands, n)[0] for clip, n in zip(clips, counts, strict=True)]
+    return statistics(clips, rows, of_frames, counts, mean, stands)
 
 
 @compiled
 def statistics(
     clips: list[Motion],
+    rows: Sequence[Float[Array, "_ 6"]],
     weights: Sequence[ArrayLike],
+    counts: Sequence[Int[Array, ""]],
     mean: Mean,
-    stands: Float[Array, "3"] | None = None,
+    stands: Float[Array, "3"],
 ) -> MotionStyle:
-    """:func:`motion_style` of clips that are checked, with weights f[T] or f[T, J] of the frames of
-    each; the root's channels have the body's. ``stands``: its axis that points up, by default the
-    first clip's."""
+    """:func:`motion_style` of clips that are checked, with the root's channels of each, and weights
+    f[T] or f[T, J] of its frames, of which the first ``counts`` count; the root's channels have the
+    body's. ``stands``: its axis that points up."""
     kind, skeleton = clips[0].dtype, clips[0].skeleton
-    joints = skeleton.num_joints
+    joints, stands = skeleton.num_joints, jnp.asarray(stands, kind)
+    clips = [clip.astype(kind) for clip in clips]
+    counted = [counting(n, clip.num_frames) for n, clip in zip(counts, clips, strict=True)]
     w = [jnp.asarray(x, kind) for x in weights]
-    w = jnp.concatenate([x if x.ndim == 2 else x[:, None] * jnp.ones(joints, kind) for x in w])
-    q = jnp.concatenate([clip.rotations.astype(kind) for clip in clips])
-    middle = quaternion.mean(q, w, method=mean)
+    w = [x if x.ndim == 2 else x[:, None] * jnp.ones(joints, kind) for x in w]
+    w = [jnp.where(c[:, None], x, 0) for c, x in zip(counted, w, strict=True)]
+    w = jnp.concatenate(w)
+    middle = quaternion.mean(jnp.concatenate([clip.rotations for clip in clips]), w, method=mean)
     share = w / jnp.sum(w, axis=0)
-    v = jnp.concatenate([deviations(middle, clip.rotations.astype(kind)) for clip in clips])
+    pairs = list(zip(clips, counts, strict=True))
+    v = jnp.concatenate([deviations(middle, clip.rotations, n) for clip, n in pairs])
     covariance = jnp.einsum("tj,tja,tjb->jab", share, v, v)
     ends = np.cumsum([clip.num_frames for clip in clips])[:-1]
-    tempo = _tempo(clips, jnp.split(w, ends), covariance)
-    stands = upright(clips[0]).astype(kind) if stands is None else stands
-    rows = jnp.concatenate([encode(clip, stands)[0].astype(kind) for clip in clips])
+    tempo = _tempo(clips, jnp.split(w, ends), counted, covariance)
     of_body = share[:, body_of(clips[0])]
-    root_mean = of_body @ rows
-    still = jnp.max(jnp.stack([rounding(clip).astype(kind) for clip in clips]), axis=0)
-    spread = safe_sqrt(of_body @ (rows - root_mean) ** 2, still**2)
+    channels = jnp.concatenate([x.astype(kind) for x in rows])
+    root_mean = of_body @ channels
+    still = jnp.max(jnp.stack([rounding(clip) for clip in clips]), axis=0)
+    spread = safe_sqrt(of_body @ (channels - root_mean) ** 2, still**2)
     return MotionStyle(
         skeleton.names, middle, covariance, root_mean, spread, stands, tempo, up=skeleton.up
     )
 
 
 def _tempo(
-    clips: list[Motion], weights: list[Array], covariance: Float[Array, "joint 3 3"]
+    clips: list[Motion],
+    weights: list[Array],
+    counted: list[Bool[Array, " _"]],
+    covariance: Float[Array, "joint 3 3"],
 ) -> Float[Array, ""]:
     """ω̄ of the module; a step counts as the frames at its ends do."""
     squared, total = 0.0, 0.0
-    for clip, w in zip(clips, weights, strict=True):
-        q, pair = clip.rotations.astype(w.dtype), 0.5 * (w[1:] + w[:-1])
+    for clip, w, counts in zip(clips, weights, counted, strict=True):
+        q, pair = clip.rotations, jnp.where(counts[1:, None], 0.5 * (w[1:] + w[:-1]), 0)
         turn = quaternion.log(quaternion.between(q[:-1], q[1:]))
         rate = 1 / jnp.asarray(clip.frame_time, w.dtype)
         squared += jnp.sum(pair * jnp.sum(turn**2, axis=-1), axis=0) * rate**2
@@ -237,10 +253,13 @@ def _tempo(
     return safe_sqrt(jnp.where(still, 0, fast / jnp.where(still, 1, far)))
 
 
-def deviations(mean: Quaternion, q: Quaternion) -> Float[Array, "time joint 3"]:
-    """v of the module, of one clip f[T, J, 4]."""
+def deviations(
+    mean: Quaternion, q: Quaternion, count: Int[Array, ""] | None = None
+) -> Float[Array, "time joint 3"]:
+    """v of the module, of one clip f[T, J, 4], of which the first ``count`` frames count."""
     q = quaternion.align_signs(q)
-    nearer = jnp.sum(q * mean, axis=(0, -1), keepdims=True) < 0
+    counts = counting(count, len(q))[:, None, None]
+    nearer = jnp.sum(q * mean, axis=(0, -1), keepdims=True, where=counts) < 0
     away = quaternion.between(mean, jnp.where(nearer, -q, q))
     cosine, axis = away[..., 0], away[..., 1:]
     squared = jnp.sum(axis**2, axis=-1)

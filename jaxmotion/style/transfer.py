@@ -17,7 +17,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._checks import instance_of, one_number, one_of, require, static
@@ -25,6 +25,7 @@ from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._plain import quoted
 from jaxmotion._portable import Portable
+from jaxmotion._room import room_for
 from jaxmotion._summary import some
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, cleanup_footskate, detect, replant
@@ -32,14 +33,15 @@ from jaxmotion.contacts.contact import check_kept
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.style.carry import carried, in_tempo, ratio
-from jaxmotion.style.correspondence import Warp, corresponding
-from jaxmotion.style.root import body_of, upright
+from jaxmotion.style.correspondence import Warp, corresponding, strides, without_room
+from jaxmotion.style.root import Start, body_of, encode, upright
 from jaxmotion.style.statistics import MEANS, STILL, Mean, MotionStyle, mixed, statistics
 from jaxmotion.timing import MotionWarp
 
 Deviation: TypeAlias = Literal["scalar", "covariance"]
 Side: TypeAlias = Literal["right", "left"]
 Match: TypeAlias = Literal["skeleton", "names"]
+_Body: TypeAlias = tuple[Float[Array, "time 6"], Start]
 
 
 class StyleReport(Portable):
@@ -151,9 +153,17 @@ def transfer_style(
     plan = _planned("transfer_style", source, theirs, joints, deviation, side, root, tempo)
     one_of("transfer_style: mean", mean, MEANS)
     source, amount, cap = _amounts("transfer_style", source, strength, max_ratio)
-    found, own, other = _compared(source, reference, theirs, mean, warp)
-    motion, goal, report = _restyled(source, own, other, amount, cap, theirs, plan)
-    motion = _planted(source, motion, keep_contacts, plan)
+    given = source, reference, amount, cap
+    rooms = room_for(source, given), room_for(reference, given)
+    clips = rooms[0].fill(source), rooms[1].fill(reference).astype(source.dtype)
+    counts = rooms[0].count, rooms[1].count
+    steps = strides(rooms[0].frames, rooms[1].frames)
+    found, own, other, body = _compared(*clips, counts, steps, theirs, mean, warp)
+    motion, goal, report = _restyled(
+        clips[0], counts[0], body, own, other, amount, cap, theirs, plan
+    )
+    found = None if found is None else without_room(found, rooms, steps, warp)
+    motion = _planted(source, rooms[0].cut(motion), keep_contacts, plan)
     return StyleTransfer(motion, found, own, goal, report)
 
 
@@ -205,10 +215,13 @@ def apply_style(
     motion, amount, cap = _amounts("apply_style", motion, strength, max_ratio)
     kind = motion.dtype
     style = jax.tree.map(lambda x: jnp.asarray(x, kind), style)
-    every = [np.ones(motion.num_frames)]
-    own = statistics([motion], every, mean, style.root_upright)
-    edited, _, _ = _restyled(motion, own, style, amount, cap, theirs, plan)
-    return _planted(motion, edited, keep_contacts, plan)
+    room = room_for(motion, style, amount, cap)
+    clip = room.fill(motion)
+    body = encode(clip, style.root_upright, room.count)
+    alike = np.ones(clip.num_frames, clip.dtype)
+    own = statistics([clip], [body[0]], [alike], [room.count], mean, style.root_upright)
+    edited, _, _ = _restyled(clip, room.count, body, own, style, amount, cap, theirs, plan)
+    return _planted(motion, room.cut(edited), keep_contacts, plan)
 
 
 class _Plan(NamedTuple):
@@ -299,29 +312,40 @@ def _amounts(
 
 @compiled
 def _compared(
-    source: Motion, reference: Motion, theirs: tuple[int, ...], mean: Mean, warp: Warp | None
-) -> tuple[MotionWarp | None, MotionStyle, MotionStyle]:
-    """How they go in time, and the manner of each, of its own joints."""
-    kind = source.dtype
-    reference = jax.tree.map(lambda x: x.astype(kind) if eqx.is_inexact_array(x) else x, reference)
-    clips, stands = (source, reference), upright(reference)
-    alike = [jnp.ones(clip.num_frames, kind) for clip in clips]
-    played = [statistics([c], [w], mean, stands) for c, w in zip(clips, alike, strict=True)]
+    source: Motion,
+    reference: Motion,
+    counts: tuple[Int[Array, ""], Int[Array, ""]],
+    steps: tuple[int, int],
+    theirs: tuple[int, ...],
+    mean: Mean,
+    warp: Warp | None,
+) -> tuple[MotionWarp | None, MotionStyle, MotionStyle, _Body]:
+    """How they go in time, the manner of each, of its own joints, and the source's body."""
+    clips = source, reference
+    stands = upright(reference, counts[1])
+    bodies = [encode(clip, stands, n) for clip, n in zip(clips, counts, strict=True)]
+
+    def styles(weights):
+        each = zip(clips, bodies, weights, counts, strict=True)
+        return [statistics([c], [body[0]], [w], [n], mean, stands) for c, body, w, n in each]
+
+    played = styles([jnp.ones(clip.num_frames, clip.dtype) for clip in clips])
     if warp is None:
-        return None, played[0], played[1]
-    found, *weights = corresponding(source, reference, theirs, warp)
-    styles = [statistics([c], [w], mean, stands) for c, w in zip(clips, weights, strict=True)]
+        return None, played[0], played[1], bodies[0]
+    found, *weights = corresponding(source, reference, counts, steps, theirs, warp)
     # A warp bends time: the tempo is that of the clips as they are played.
     own, other = (
         eqx.tree_at(lambda style: style.tempo, style, plain.tempo)
-        for style, plain in zip(styles, played, strict=True)
+        for style, plain in zip(styles(weights), played, strict=True)
     )
-    return found, own, other
+    return found, own, other, bodies[0]
 
 
 @compiled
 def _restyled(
     motion: Motion,
+    count: Int[Array, ""],
+    body: _Body,
     own: MotionStyle,
     other: MotionStyle,
     amount: Float[Array, ""],
@@ -344,21 +368,18 @@ def _restyled(
     towards = mixed([own, goal], jnp.stack([1 - amount, amount]))
     chosen = np.array(plan.joints)
     longer = jnp.ones_like(towards.tempo)
+    channels, start = body
     if plan.tempo:
-        motion, own, longer = in_tempo(motion, own, towards.tempo)
+        motion, channels, own, longer = in_tempo(motion, channels, own, towards.tempo)
     edited = carried(
-        motion, own, towards, joints=plan.joints, root=plan.root, deviation=plan.deviation,
-        side=plan.side, cap=cap,
+        motion, count, (channels, start), own, towards, joints=plan.joints, root=plan.root,
+        deviation=plan.deviation, side=plan.side, cap=cap,
     )  # fmt: skip
     turned = jnp.where(chosen, quaternion.distance(own.mean, towards.mean), 0)
     scaled = jnp.where(chosen, ratio(own.deviation, towards.deviation, cap), 1)
     still = jnp.asarray(chosen) & (own.deviation < STILL)
-    body = body_of(motion)
-    left = tuple(
-        name
-        for j, name in enumerate(own.joints)
-        if not (plan.joints[j] or (plan.root and j == body))
-    )
+    changed = [on or (plan.root and j == body_of(motion)) for j, on in enumerate(plan.joints)]
+    left = tuple(name for name, on in zip(own.joints, changed, strict=True) if not on)
     return edited, goal, StyleReport(own.joints, turned, scaled, still, longer, left)
 
 

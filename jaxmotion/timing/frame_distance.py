@@ -31,6 +31,7 @@ from jaxmotion.timing.pose_distance import pose_distance, rotations_of
 Given: TypeAlias = ArrayLike | Motion | None
 
 _FEATURES_AT_ONCE = 32  # unrolled into one fused pass over the (n, m) accumulator
+_ASIDE = 16  # frames more in memory, or features of 2^k frames share their lines of the cache
 
 
 def frame_distance(
@@ -157,12 +158,13 @@ def _sum_squares(x: Array, y: Array) -> Array:
     blocks = -(-features // width)
     pad = ((0, 0), (0, blocks * width - features))
     xs = jnp.pad(x, pad).T.reshape(blocks, width, x.shape[0])
-    ys = jnp.pad(y, pad).T.reshape(blocks, width, y.shape[0])
+    frames = y.shape[0]
+    ys = jnp.pad(y, ((0, _ASIDE), pad[1])).T.reshape(blocks, width, frames + _ASIDE)
 
     def add_block(total, block):
         a, b = block
         for k in range(width):
-            total = total + (a[k][:, None] - b[k][None, :]) ** 2
+            total = total + (a[k][:, None] - b[k][None, :frames]) ** 2
         return total, None
 
     return lax.scan(add_block, jnp.zeros((x.shape[0], y.shape[0]), x.dtype), (xs, ys))[0]

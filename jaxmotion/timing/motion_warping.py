@@ -31,7 +31,7 @@ Energies carry no derivative.
 
 import math
 from collections.abc import Iterator
-from functools import partial
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -40,13 +40,25 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxmotion import quaternion
 from jaxmotion._checks import fault, known, no_module, raise_faults, static
 from jaxmotion._portable import Portable
+from jaxmotion._room import Room, room_for
 from jaxmotion._summary import brief, some
 from jaxmotion._types import AnyArray, ScalarLike
+from jaxmotion.frames.count import frame_mask
 from jaxmotion.linalg.pair_walk import Symmetric, solve_walk
 from jaxmotion.timing.frame_distance import frame_distance
+from jaxmotion.timing.runs import (
+    best_runs,
+    by_channel,
+    run_geodesic_means,
+    run_means,
+    run_sums,
+    source_index,
+)
+
+# What is asked of a warp where nothing else is said.
+SMOOTHNESS, ROUNDS, ENOUGH = 1.0, 100, 1e-4
 
 
 class MotionWarp(Portable):
@@ -82,7 +94,7 @@ class MotionWarp(Portable):
     @property
     def source_index(self) -> Int[Array, "refined ..."]:
         """Which source frame stands at each refined frame, W as an index: ``(m N_r,)``."""
-        return _per_channel(_source_index, self.runs, num_refined=self.num_refined)
+        return by_channel(source_index, self.runs, num_refined=self.num_refined)
 
     @property
     def reference_index(self) -> Int[Array, " refined"]:
@@ -105,10 +117,10 @@ def motion_warping(
     *,
     shared: bool = True,
     slope: int | None = None,
-    scale_smoothness: float = 1.0,
-    offset_smoothness: float = 1.0,
-    max_iterations: int = 100,
-    tolerance: ScalarLike = 1e-4,
+    scale_smoothness: float = SMOOTHNESS,
+    offset_smoothness: float = SMOOTHNESS,
+    max_iterations: int = ROUNDS,
+    tolerance: ScalarLike = ENOUGH,
     throw: bool = False,
 ) -> MotionWarp:
     """Align a source clip with a reference while scaling and shifting its channels over time.
@@ -139,8 +151,8 @@ def motion_warping(
     """
     for name, value in (("source", source), ("reference", reference)):
         no_module(f"motion_warping: {name}", value, "jaxmotion.timing.align takes motions")
-    finite = [(abs(known(x)) < np.inf).all() for x in (source, reference)]
-    source, reference = jnp.asarray(source), jnp.asarray(reference)
+    source, reference = known(source), known(reference)
+    finite = [(abs(x) < np.inf).all() for x in (source, reference)]
     num_source, num_reference = source.shape[0], reference.shape[0]
     fits = source.ndim == 2 and source.shape[1:] == reference.shape[1:]
     if not fits or 0 in source.shape or not num_reference:
@@ -150,12 +162,13 @@ def motion_warping(
         )
     m = _slope_that_fits(slope, num_source, num_reference)
     smoothness = (scale_smoothness, offset_smoothness)
-    kind = jnp.finfo(source.dtype)
+    dtype = jax.dtypes.canonicalize_dtype(source.dtype)
+    kind = jnp.finfo(dtype)
     least, most = 16 * m * math.sqrt(kind.eps), float(kind.eps) / math.sqrt(kind.tiny)
     if not least <= min(smoothness) <= max(smoothness) <= most:
         raise ValueError(
             f"scale_smoothness={scale_smoothness}, offset_smoothness={offset_smoothness}; want both"
-            f" from {least:.1g} to {most:.1g}, which {source.dtype} can solve with slope {m}"
+            f" from {least:.1g} to {most:.1g}, which {dtype} can solve with slope {m}"
         )
     if not (isinstance(max_iterations, (int, np.integer)) and max_iterations >= 1):
         raise ValueError(
@@ -166,9 +179,12 @@ def motion_warping(
     message = "motion_warping: tolerance must be a share of 0 or more"
     faults += fault(~((share >= 0) & (share < np.inf)), message, got=tolerance)
     source, reference = raise_faults((source, reference), faults)
-    weights = jnp.asarray(smoothness, source.dtype)
-    enough = jnp.asarray(tolerance, source.dtype)
-    warp = _warp(source, reference, shared, m, weights, max_iterations, enough)
+    weights, enough = jnp.asarray(smoothness, dtype), jnp.asarray(tolerance, dtype)
+    rooms = room_for(source, reference, enough), room_for(reference, source, enough)
+    clips = jnp.asarray(rooms[0].fill(source)), jnp.asarray(rooms[1].fill(reference))
+    counts = rooms[0].count, rooms[1].count
+    warp = warped(*clips, counts, shared, m, weights, max_iterations, enough)
+    warp = cut_warp(warp, *rooms)
     if not throw:
         return warp
     message = f"motion_warping: still changing after {max_iterations} iterations"
@@ -176,31 +192,49 @@ def motion_warping(
 
 
 @eqx.filter_jit
-def _warp(
-    source: Array,
-    reference: Array,
+def warped(
+    source: Float[Array, "source channels"],
+    reference: Float[Array, "reference channels"],
+    counts: tuple[Int[Array, ""], Int[Array, ""]],
     shared: bool,
     m: int,
     smoothness: Float[Array, "2"],
     max_iterations: int,
     tolerance: Float[Array, ""],
 ) -> MotionWarp:
+    """:func:`motion_warping` of what is checked, and of the frames that count: :func:`cut_warp`."""
+    own, other = (
+        frame_mask(n, len(x))[:, None] for n, x in zip(counts, (source, reference), strict=True)
+    )
     unit = _power_of_two_below(source - source[0], reference - source[0])
-    z, target, origin = _about_the_mean(source / unit, reference / unit)
+    z, target, origin = _about_the_mean(source / unit, reference / unit, own, other)
     fixed = lax.stop_gradient((z, target))
 
     def descend(z, target):
-        return _descend(z, target, m, smoothness, max_iterations, tolerance)
+        return _descend(z, target, own, other, m, smoothness, max_iterations, tolerance)
 
     if shared:
         runs, energy, converged, iterations = descend(*fixed)
     else:
         one_channel = jax.vmap(lambda z, target: descend(z[:, None], target[:, None]), 1, -1)
         runs, energy, converged, iterations = one_channel(*fixed)
-    scale, offset = _fit(z, target, runs, m, smoothness)
+    scale, offset = _fit(z, target, own, runs, m, smoothness)
     offset = unit * (offset + origin * (1 - scale))
     energy = unit * (unit * energy)
     return MotionWarp(runs, scale, offset, energy, converged, iterations, m, m * reference.shape[0])
+
+
+def cut_warp(warp: MotionWarp, source: Room, reference: Room, axis: int = 0) -> MotionWarp:
+    """The warp of the frames that count, of one of clips in these rooms; ``axis``: of its source
+    frames, after others that were mapped over."""
+    warp = source.cut(warp, lambda w: (w.runs, w.scale, w.offset), axis)
+
+    def of_frames(warp: MotionWarp) -> MotionWarp:
+        return replace(warp, num_refined=warp.repeats * reference.frames)
+
+    for _ in range(axis):
+        of_frames = jax.vmap(of_frames)
+    return of_frames(warp)
 
 
 def _power_of_two_below(*signals: Array) -> Array:
@@ -210,14 +244,23 @@ def _power_of_two_below(*signals: Array) -> Array:
     return jnp.ldexp(jnp.ones_like(size), jnp.frexp(size)[1] - 1)
 
 
-def _about_the_mean(s: Array, r: Array) -> tuple[Array, Array, Array]:
-    """s and r less the mean of s ``(C,)``; a channel that moves by no more than its rounding has
-    none of it left. The first frame goes first, as sums of what is left do not round so much."""
+def _about_the_mean(
+    s: Array, r: Array, s_counts: Array, r_counts: Array
+) -> tuple[Array, Array, Array]:
+    """s and r less the mean of s ``(C,)``, 0 where nothing counts; a channel that moves by no more
+    than its rounding has none of it left. The first frame goes first, as sums of what is left do
+    not round so much."""
     swing = s - s[0]
-    middle = jnp.mean(swing, axis=0)
+    middle = _mean(swing, s_counts)
     rounding = 4 * jnp.finfo(s.dtype).eps * jnp.max(jnp.abs(s), axis=0)
     moves = jnp.max(jnp.abs(swing), axis=0) > rounding
-    return jnp.where(moves, swing - middle, 0), (r - s[0]) - middle, s[0] + middle
+    z = jnp.where(moves & s_counts, swing - middle, 0)
+    return z, jnp.where(r_counts, (r - s[0]) - middle, 0), s[0] + middle
+
+
+def _mean(x: Array, counts: Array) -> Array:
+    """Over the frames that count."""
+    return jnp.sum(jnp.where(counts, x, 0), axis=0) / jnp.sum(counts).astype(x.dtype)
 
 
 @static("rotations")
@@ -244,13 +287,13 @@ def unwarp(
         )
     shared = warp.runs.ndim == 1
     if not rotations:
-        return _per_channel(_run_means, warp.runs, warped)
+        return by_channel(run_means, warp.runs, warped)
     if not shared or warped.shape[-1] != 4:
         raise ValueError(
             f"rotations=True with warped of shape {warped.shape} and runs of shape"
             f" {warp.runs.shape}; want quaternions (..., 4) and a shared warp"
         )
-    return _run_geodesic_means(warp.runs, warped)
+    return run_geodesic_means(warp.runs, warped)
 
 
 def _slope_that_fits(slope, num_source, num_reference) -> int:
@@ -264,29 +307,31 @@ def _slope_that_fits(slope, num_source, num_reference) -> int:
     return int(m)
 
 
-def _descend(s, r, m, smoothness, max_iterations, tolerance):
+def _descend(s, r, s_counts, r_counts, m, smoothness, max_iterations, tolerance):
     """Alternate the two exact half steps: runs ``(N_s,)``, energies, converged, iterations."""
-    refined = jnp.repeat(r, m, axis=0)
-    swing = jnp.sqrt(_mean_square(s))
-    enough = tolerance * jnp.sqrt(_mean_square(s) + _mean_square(r))
+    refined, in_refined = jnp.repeat(r, m, axis=0), jnp.repeat(r_counts, m, axis=0)
+    power = _mean(s**2, s_counts)
+    swing = jnp.sqrt(power)
+    enough = tolerance * jnp.sqrt(power + _mean(r**2, r_counts))
 
     def energy_of(a, b, runs):
-        index = _source_index(runs, num_refined=refined.shape[0])
-        data = jnp.sum(((s * a + b)[index] - refined) ** 2)
+        index = source_index(runs, num_refined=refined.shape[0])
+        data = jnp.sum(jnp.where(in_refined, (s * a + b)[index] - refined, 0) ** 2)
         rough = [
-            w**2 * jnp.sum(jnp.diff(x, axis=0) ** 2)
+            w**2 * jnp.sum(jnp.where(s_counts[1:], jnp.diff(x, axis=0), 0) ** 2)
             for w, x in zip(smoothness, (swing * a, b), strict=True)
         ]
         return data + rough[0] + rough[1]
 
     def one_round(state):
         count, a, b, old_runs, energies, _ = state
-        runs = _best_runs(frame_distance(s * a + b, r, "sqeuclidean"), m)
-        new_a, new_b = _fit(s, r, runs, m, smoothness)
+        distance = frame_distance(s * a + b, r, "sqeuclidean")
+        runs = best_runs(distance, m, s_counts[:, 0], jnp.sum(r_counts))
+        new_a, new_b = _fit(s, r, s_counts, runs, m, smoothness)
         pair = jnp.stack([energy_of(a, b, runs), energy_of(new_a, new_b, runs)])
         energies = lax.dynamic_update_slice(energies, pair, (2 * count,))
         moved = jnp.maximum(swing * jnp.abs(new_a - a), jnp.abs(new_b - b))
-        done = jnp.all(moved <= enough) | jnp.all(runs == old_runs)
+        done = jnp.all((moved <= enough) | ~s_counts) | jnp.all(runs == old_runs)
         return count + 1, new_a, new_b, runs, energies, done
 
     start = (
@@ -304,93 +349,20 @@ def _descend(s, r, m, smoothness, max_iterations, tolerance):
     return runs, energies[last], done, count
 
 
-def _best_runs(d: Float[Array, "source reference"], m: int) -> Int[Array, " source"]:
-    """Runs of 1 … m² refined frames, one per source frame, of least total distance."""
-    refined = d.shape[1] * m
-
-    def one_frame(ended, row):
-        i, row = row
-        row = jnp.repeat(row, m)
-        before = jnp.where(i == 0, 0, jnp.inf).astype(d.dtype)
-        run = _shift_in(ended, before) + row
-        best, length = run, jnp.ones(refined, jnp.int32)
-        for c in range(2, m * m + 1):
-            run = _shift_in(run, jnp.inf) + row
-            length = jnp.where(run < best, c, length)
-            best = jnp.minimum(best, run)
-        return best, length
-
-    def one_run(end, lengths):
-        return end - lengths[end], lengths[end]
-
-    start = jnp.full(refined, jnp.inf, d.dtype)
-    frames = jnp.arange(d.shape[0], dtype=jnp.int32)
-    _, lengths = lax.scan(one_frame, start, (frames, d))
-    last = jnp.asarray(refined - 1, jnp.int32)
-    return lax.scan(one_run, last, lengths, reverse=True)[1]
-
-
-def _shift_in(values, outside):
-    """Entry j of the result is entry j − 1; ``outside`` enters at the start."""
-    return lax.pad(values[:-1], jnp.asarray(outside, values.dtype), [(1, 0, 0)])
-
-
-def _mean_square(s):
-    return jnp.mean(s**2, axis=0)
-
-
-def _fit(s, r, runs, m, smoothness):
-    """Scale and offset ``(N_s, C)`` of least energy for given runs; differentiable.
+def _fit(s, r, counts, runs, m, smoothness):
+    """Scale and offset ``(N_s, C)`` of least energy for given runs; differentiable. ``s`` and ``r``
+    are 0 where nothing counts.
 
     The unknowns are x = (w_a σ a, w_b b), whose differences all count the same.
     """
     w_a, w_b = smoothness
-    variance = _mean_square(s)
+    variance = _mean(s**2, counts)
     constant = variance == 0  # keeps scale 1: it leaves the data term and is held there by its own
     swing = jnp.sqrt(jnp.where(constant, 1, variance))
     z = s / (w_a * swing)
     w = runs.astype(s.dtype).reshape(s.shape[0], -1)
-    sums = _per_channel(_run_sums, runs, jnp.repeat(r, m, axis=0))
-    hold = constant.astype(s.dtype) / w_a
+    sums = by_channel(run_sums, runs, jnp.repeat(r, m, axis=0))
+    hold = jnp.where(counts & constant, 1 / w_a, 0)
     gram = Symmetric(*jnp.broadcast_arrays(w * z**2 + hold**2, w * z / w_b, w / w_b**2))
-    x = solve_walk(gram, jnp.stack([z * sums + hold, sums / w_b], axis=1))
+    x = solve_walk(gram, jnp.stack([z * sums + hold, sums / w_b], axis=1), counts[:, 0])
     return jnp.where(constant, 1, x[:, 0] / (w_a * swing)), x[:, 1] / w_b
-
-
-def _per_channel(function, runs, *signal, **static):
-    """Apply a function of (runs (N_s,), signal) to each channel when the runs differ by channel."""
-
-    def one(runs, *signal):
-        return function(runs, *signal, **static)
-
-    return (one if runs.ndim == 1 else jax.vmap(one, -1, -1))(runs, *signal)
-
-
-@partial(jax.jit, static_argnames="num_refined")
-def _source_index(runs, *, num_refined):
-    frames = jnp.arange(runs.shape[0], dtype=runs.dtype)
-    return jnp.repeat(frames, runs, total_repeat_length=num_refined)
-
-
-def _run_sums(runs, signal):
-    index = _source_index(runs, num_refined=signal.shape[0])
-    return jax.ops.segment_sum(signal, index, runs.shape[0], indices_are_sorted=True)
-
-
-def _run_means(runs, signal):
-    sums = _run_sums(runs, signal)
-    return sums / runs.astype(signal.dtype).reshape((-1,) + (1,) * (sums.ndim - 1))
-
-
-def _run_geodesic_means(runs, q):
-    index = _source_index(runs, num_refined=q.shape[0])
-    starts = jnp.cumsum(runs) - runs
-    place = (jnp.arange(q.shape[0], dtype=runs.dtype) - starts[index]).astype(q.dtype)
-
-    def one_frame(mean, frame):
-        q, place = frame
-        mean = jnp.where(place == 0, q, quaternion.slerp(mean, q, 1 / (place + 1)))
-        return mean, mean
-
-    _, means = lax.scan(one_frame, q[0], (q, place))
-    return means[starts + runs - 1]

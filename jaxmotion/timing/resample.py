@@ -181,9 +181,10 @@ def read_motion(
     method: Method = "lgs",
     smoothing: ScalarLike = 0.0,
     signs: Signs = "min_energy",
+    count: Int[Array, ""] | None = None,
 ) -> Motion:
     """A motion read where ``reading`` says, as a clip of ``frame_time``; what :func:`resample` and
-    time warps end in, options as there."""
+    time warps end in, options as there. ``count``: how many of its frames count, None for all."""
     if np.shape(smoothing) not in ((), (motion.num_joints,)):
         raise ValueError(
             f"smoothing has shape {np.shape(smoothing)}; expected a scalar or "
@@ -211,7 +212,7 @@ def read_motion(
         if smoothing.ndim:
             of_moved = smoothing[np.asarray(moved, np.int32)]
             smoothing = jnp.concatenate([jnp.repeat(of_moved, 3), jnp.repeat(smoothing, 4)])
-        length = jnp.asarray(frames, jnp.int32)
+        length = jnp.asarray(frames, jnp.int32) if count is None else count
         curve = _curve(translations, rotations, h, smoothing, length, method, signs)
         poses = _read(h, *curve, interval, fraction, len(moved))
     new_translations = for_result.cut(_put_back(given.translations, place, poses[0], moved))

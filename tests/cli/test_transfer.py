@@ -2,11 +2,13 @@
 
 import json
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.style import apply_style, motion_style, transfer_style
+from jaxmotion.cli import transfer
+from jaxmotion.style import StyleReport, apply_style, motion_style, transfer_style
 from tests.cli.conftest import swinging
 from tests.helpers import assert_same_rotation
 
@@ -57,6 +59,28 @@ def test_a_kept_style(jaxmotion, take, other, tmp_path):
     assert "MotionStyle" in result.stderr
 
 
+def test_a_folder_reads_its_reference_once(jaxmotion, take, other, tmp_path, monkeypatch):
+    clips, asked = tmp_path / "clips", []
+    clips.mkdir()
+    for frames in (40, 33, 21):
+        jm.save(swinging(frames), clips / f"{frames}.bvh")
+    read = transfer.read
+    monkeypatch.setattr(transfer, "read", lambda *a, **b: asked.append(a) or read(*a, **b))
+    jaxmotion(
+        *("transfer", clips, "-o", tmp_path / "out", "--reference", other, "--no-keep-contacts")
+    )
+    assert len(list((tmp_path / "out").glob("*.bvh"))) == 3
+    assert len(asked) == 1
+
+
+def test_joints_that_the_source_holds_still_are_named():
+    turned, still = jnp.radians(jnp.array([3.0, 0, 0])), jnp.array([False, False, True])
+    report = StyleReport(("hips", "arm", "toe"), turned, turned, still, jnp.ones(()), ())
+    assert transfer.in_brief(report) == (
+        "posture: hips 3°; still in the source, nothing to scale: toe"
+    )
+
+
 def test_a_selection_stays_one(jaxmotion, take, other, tmp_path):
     source = jm.load(take)
     joint = source.skeleton.names[-1]
@@ -82,3 +106,20 @@ def test_what_is_refused(jaxmotion, take, tmp_path):
     words = "transfer", take, "-o", out, "--reference", tmp_path / "strange.npz"
     assert "another skeleton" in jaxmotion(*words, code=1).stderr
     assert not out.exists()
+
+
+def test_tempo_brings_the_time_and_keeps_the_rate(jaxmotion, take, other, tmp_path):
+    """A reference that is played at half speed: the result is longer by the ratio of tempos."""
+    slow = jm.load(other)
+    jm.save(slow.replace(frame_time=2 * float(slow.frame_time)), tmp_path / "slow.bvh")
+    words = "transfer", take, "-o", tmp_path / "out.bvh", "--no-keep-contacts", "--tempo"
+    jaxmotion(*words, "--reference", tmp_path / "slow.bvh")
+    source, result = jm.load(take), jm.load(tmp_path / "out.bvh")
+    reference = jm.load(tmp_path / "slow.bvh")
+    found = transfer_style(source, reference, tempo=True, keep_contacts=False)
+    wanted = jm.resample(found.motion, fps=float(source.fps))
+    assert len(result) == len(wanted) > 1.5 * len(source)
+    assert result.frame_time_text == source.frame_time_text
+    assert_same_rotation(result.rotations, wanted.rotations, 1e-3)
+    told = jaxmotion(*words, "--reference", other, "--range", "2:9", code=2).stderr
+    assert "whole clip" in told

@@ -10,10 +10,16 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import jaxmotion as jm
-from jaxmotion.augmentation import _drawn
+from jaxmotion.augmentation.draws import drawn
 from jaxmotion.spacetime import JointLimits, learn_limits
 from jaxmotion.style import apply_style, interpolate, motion_style
-from tests.helpers import angle_between, assert_same_rotation, check_gradients, no_shape_checks
+from tests.helpers import (
+    angle_between,
+    assert_same_rotation,
+    check_gradients,
+    compilations,
+    no_shape_checks,
+)
 from tests.style.clips import JOINTS, rotations, swaying
 
 KEY = jax.random.key(7)
@@ -22,7 +28,7 @@ plain = functools.partial(jm.augment, alpha=(1.0, 1.0), time_warp=0.0, keep_cont
 
 def test_draws_are_even():
     """Each gain in a step of its own; shares uniform over the simplex."""
-    draws = _drawn(KEY, 500, 3, jnp.asarray([0.5, 2.0]))
+    draws = drawn(KEY, 500, 3, jnp.asarray([0.5, 2.0]))
     gaps = np.diff(np.sort(draws.alpha))
     np.testing.assert_allclose(gaps, 1.5 / 500, rtol=1e-9)
     assert 0.5 <= draws.alpha.min() < 0.5 + 1.5 / 500
@@ -193,10 +199,27 @@ def test_jit_vmap_and_float32():
     low = jm.augment(motion.astype(np.float32), KEY, n=3, styles=[style], keep_contacts=False)
     kinds = {x.dtype for x in jax.tree.leaves(low) if jnp.issubdtype(x.dtype, jnp.floating)}
     assert kinds == {np.dtype("float32")}
-    fed = jax.jit(lambda key, contacts: jm.augment(walk, key, n=2, keep_contacts=contacts).slide)
-    walk = jm.samples.load("walk").motion[:60]
-    slide = fed(KEY, jm.contacts.detect(walk))
-    assert (slide < 0.05).all()
+
+
+def test_lengths_that_share_a_program():
+    """Padded or not, a clip has the same variations; feet and limits too."""
+    walk = jm.samples.load("walk").motion[:57]
+    limits = learn_limits(walk, margin=0.1)
+
+    def made(contacts):
+        found = jm.augment(walk, KEY, n=2, keep_contacts=contacts, limits=limits)
+        return found.motions.rotations, found.slide, found.depth, found.excess, found.frames
+
+    contacts = jm.contacts.detect(walk)
+    eager, traced = made(contacts), jax.jit(made)(contacts)
+    assert_same_rotation(eager[0], traced[0], 1e-9)
+    for one, other in zip(eager[1:], traced[1:], strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
+    first, second = walk[:56], walk[:50]
+    jm.augment(first, KEY, n=2, limits=limits)
+    with compilations() as names:
+        jm.augment(second, KEY, n=2, limits=limits)
+    assert names == []
 
 
 def test_derivatives():
