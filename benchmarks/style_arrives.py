@@ -41,7 +41,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
-from jaxmotion.style.root import body_of, encode, upright
+from jaxmotion.posture import body_of, upright
+from jaxmotion.style.root import encode
 
 FRAMES = 128
 WIDTHS = (1.0, 2.0, 4.0, 8.0)

@@ -11,12 +11,14 @@ the last one down a chain of only children that are translated. O(T).
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._types import AnyArray, Vector3
+from jaxmotion._types import Vector3
+from jaxmotion.frames.count import frame_mask
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion.arcs import shortest_arc, twist
 
@@ -58,15 +60,20 @@ def axes_of(motion: Motion) -> Axes:
     return Axes(ahead, aside, np.eye(3)[up])
 
 
-def upright(motion: Motion, counts: Bool[AnyArray, " time"] | None = None) -> Vector3:
-    """Which of the body's own axes, or their opposites, points up most of the time, of the frames
-    that count: f[3]."""
+@eqx.filter_jit
+def upright(motion: Motion, count: Int[Array, ""] | None = None) -> Vector3:
+    """Which of the body's own axes, or their opposites, points up most of the time: f[3]."""
     up = jnp.asarray(axes_of(motion).up, motion.dtype)
     _, turned = pose_in_world(motion, body_of(motion))
     own = quaternion.rotate(quaternion.conjugate(turned), up)
-    own = jnp.mean(own, axis=0, where=None if counts is None else jnp.asarray(counts)[:, None])
+    own = jnp.mean(own, axis=0, where=counting(count, len(own))[:, None])
     most = jnp.argmax(jnp.abs(own))
     return jnp.sign(own[most]) * jnp.eye(3, dtype=own.dtype)[most]
+
+
+def counting(count: Int[Array, ""] | None, frames: int) -> Bool[Array, " time"]:
+    """Which of the frames count."""
+    return frame_mask(jnp.asarray(frames if count is None else count, jnp.int32), frames)
 
 
 def posture(

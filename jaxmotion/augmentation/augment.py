@@ -51,10 +51,11 @@ from jaxmotion.frames.count import frame_mask
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.layers import MotionLayers, decompose, synthesize
 from jaxmotion.motion import Motion
+from jaxmotion.posture import body_of
 from jaxmotion.spacetime import JointLimits, learn_limits
 from jaxmotion.style import MotionStyle, motion_style
 from jaxmotion.style.carry import carried
-from jaxmotion.style.root import body_of, encode
+from jaxmotion.style.root import encode
 from jaxmotion.style.statistics import mixed, statistics
 from jaxmotion.timing.resample import even_reading, read_motion
 

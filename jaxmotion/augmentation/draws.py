@@ -28,6 +28,7 @@ class Draws(NamedTuple):
 
 
 def drawn(key: Key, n: int, manners: int, bounds: Float[Array, "2"]) -> Draws:
+    """Of n variations: gains between the bounds, shares of so many manners, waves."""
     kind = bounds.dtype
     of_offset, of_order, of_periods, of_phases = jax.random.split(key, 4)
     columns = 1 + manners

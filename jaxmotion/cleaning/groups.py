@@ -3,10 +3,11 @@
 A joint tells nothing of its own if
 
     still       it turns by less than half a degree about its mean
-    small       it hangs from a joint that has several such, none of whose chains is longer than 0.15
-                of the figure: fingers, the face
-    copied      its rotation vector is a fixed share of that of a joint whose bone it lies along (its
-                parent, its child, or a child of its parent that goes the same way): twist bones
+    small       it hangs from a joint that has several such, none of whose chains is longer than
+                0.15 of the figure: fingers, the face
+    copied      its rotation vector is a fixed share of that of a joint whose bone it lies along
+                (its parent, its child, or a child of its parent that goes the same way): twist
+                bones
 
 Groups, which overlap: "whole"; "lower", what hangs from the joint of the hips and ends in a foot;
 "upper", all else; "left" and "right", all but the other side. NumPy on the host, O(T·J).
@@ -14,6 +15,7 @@ Groups, which overlap: "whole"; "lower", what hangs from the joint of the hips a
 
 from collections.abc import Sequence
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -88,7 +90,7 @@ def one_skeleton(caller: str, motions: Motion | Sequence[Motion]) -> list[Motion
 def informative(clips: Sequence[Motion]) -> Bool[np.ndarray, " joint"]:
     """Which joints are none of still, small and copied."""
     skeleton = clips[0].skeleton
-    q = np.concatenate([np.asarray(known(clip.rotations), np.float64) for clip in clips])
+    q = jnp.concatenate([clip.rotations for clip in clips])
     middle = quaternion.mean(q, method="chordal")
     turns = np.asarray(quaternion.log(quaternion.between(middle, q)), np.float64)
     squared = np.einsum("tja,tja->j", turns, turns)

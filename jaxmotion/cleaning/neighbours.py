@@ -156,10 +156,10 @@ def nearest_words(
     )
     tried = sum(part[4] for part in found)
     warped = tried / max(len(starts) * int(pool.fits.sum()), 1)
-    return Neighbours(
-        *(jnp.asarray(x) for x in (starts.astype(np.int32), clip, frame, distance, warp)),
-        warped, chosen,
-    )  # fmt: skip
+    first, clip, frame, distance, warp = (
+        jnp.asarray(x) for x in (starts.astype(np.int32), clip, frame, distance, warp)
+    )
+    return Neighbours(first, clip, frame, distance, warp, warped, chosen)
 
 
 def _pooled(textures: Sequence[Array], shape: WordShape, *, own: bool) -> _Pool:

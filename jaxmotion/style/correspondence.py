@@ -25,8 +25,9 @@ from jaxtyping import Array, Float, Int
 
 from jaxmotion._room import Room
 from jaxmotion.motion import Motion
+from jaxmotion.posture import body_of, counting, upright
 from jaxmotion.quaternion import mean
-from jaxmotion.style.root import body_of, counting, lean, upright
+from jaxmotion.style.root import lean
 from jaxmotion.style.statistics import deviations
 from jaxmotion.timing.motion_warping import ENOUGH, ROUNDS, SMOOTHNESS, MotionWarp, cut_warp, warped
 

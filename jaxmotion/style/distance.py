@@ -25,7 +25,8 @@ from jaxmotion._numerics import safe_sqrt
 from jaxmotion._room import room_for
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import HEIGHT, body_of, encode
+from jaxmotion.posture import body_of
+from jaxmotion.style.root import HEIGHT, encode
 from jaxmotion.style.statistics import MEANS, Mean, MotionStyle, square_root, statistics
 from jaxmotion.style.transfer import matched, selected
 

@@ -5,15 +5,9 @@
     height         above the ground, length
     lean           rotation vector of the swing, its two horizontal parts, radians
 
-With n up and U a constant turn, the root's rotation is q = yaw ⊗ swing ⊗ U: yaw turns about n, the
-swing about a horizontal axis (``quaternion.arcs``). U takes to n the axis of the root that points
-up most of the time (``upright``), so that a root whose own axes lie otherwise, or a body that
-crawls, stays far from the half turn where yaw has no meaning. The first frame has the velocities of
-the second. Decoding walks on from a place and a yaw: O(T), exact.
-
-The body hangs from one joint: the root, or, where a file puts a joint of its own above the hips,
-the last one down a chain of only children that are translated. Its channels are of the world, and
-what stands above it keeps still.
+Of the joint that the body hangs from, in the world (:mod:`jaxmotion.posture`); what stands above it
+keeps still. The first frame has the velocities of the second. Decoding walks on from a place and a
+yaw: O(T), exact.
 
 The ground is where the lowest joint is in the lowest tenth of the frames.
 
@@ -25,15 +19,15 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._numerics import rounding_angle
 from jaxmotion._types import AnyArray, Quaternion, Vector3
-from jaxmotion.frames.count import frame_mask
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
-from jaxmotion.quaternion.arcs import shortest_arc, twist
+from jaxmotion.posture import axes_of, body_of, counting, pose_in_world, posture
+from jaxmotion.quaternion.arcs import shortest_arc
 
 CHANNELS = ("ahead", "aside", "yaw rate", "height", "lean ahead", "lean aside")
 HEIGHT = CHANNELS.index("height")
@@ -49,41 +43,15 @@ class Start(NamedTuple):
     ground: Float[Array, ""]
 
 
-class _Axes(NamedTuple):
-    """Unit vectors f[3] along the ground and up, right-handed."""
-
-    ahead: np.ndarray
-    aside: np.ndarray
-    up: np.ndarray
-
-
-def body_of(motion: Motion) -> int:
-    """The joint that the body hangs from."""
-    joint, children = 0, motion.skeleton.children
-    while len(children[joint]) == 1 and children[joint][0] in motion.translated_joints:
-        joint = children[joint][0]
-    return joint
-
-
-@eqx.filter_jit
-def upright(motion: Motion, count: Int[Array, ""] | None = None) -> Vector3:
-    """Which of the body's own axes, or their opposites, points up most of the time: f[3]."""
-    up = jnp.asarray(_axes(motion).up, motion.dtype)
-    _, turned = _pose(motion, body_of(motion))
-    own = quaternion.rotate(quaternion.conjugate(turned), up)
-    own = jnp.mean(own, axis=0, where=counting(count, len(own))[:, None])
-    most = jnp.argmax(jnp.abs(own))
-    return jnp.sign(own[most]) * jnp.eye(3, dtype=own.dtype)[most]
-
-
-def counting(count: Int[Array, ""] | None, frames: int) -> Bool[Array, " time"]:
-    """Which of the frames count."""
-    return frame_mask(jnp.asarray(frames if count is None else count, jnp.int32), frames)
-
-
 def lean(motion: Motion, upright: Vector3) -> Float[Array, "time 2"]:
     """The last two of the channels."""
-    return _posture(motion, upright)[2]
+    return _horizontal(motion, posture(motion, upright)[2])
+
+
+def _horizontal(motion: Motion, swing: Float[Array, "time 3"]) -> Float[Array, "time 2"]:
+    """The parts of the swing's rotation vector; there is none about up."""
+    ahead, aside, _ = (jnp.asarray(axis, motion.dtype) for axis in axes_of(motion))
+    return jnp.stack([swing @ ahead, swing @ aside], axis=-1)
 
 
 @eqx.filter_jit
@@ -91,8 +59,9 @@ def encode(
     motion: Motion, upright: Vector3, count: Int[Array, ""] | None = None
 ) -> tuple[Float[Array, "time 6"], Start]:
     """The channels of a clip's body, and where it begins."""
-    ahead, aside, up = (jnp.asarray(axis, motion.dtype) for axis in _axes(motion))
-    position, yaw, lean = _posture(motion, upright)
+    ahead, aside, up = (jnp.asarray(axis, motion.dtype) for axis in axes_of(motion))
+    position, yaw, swing = posture(motion, upright)
+    lean = _horizontal(motion, swing)
     turn = quaternion.log(quaternion.between(yaw[:-1], yaw[1:])) @ up
     step = quaternion.rotate(quaternion.conjugate(yaw[:-1]), jnp.diff(position, axis=0))
     rates = jnp.stack([step @ ahead, step @ aside, turn], axis=-1) / motion.frame_time
@@ -118,7 +87,7 @@ def decode(
     count: Int[Array, ""] | None = None,
 ) -> Motion:
     """The motion with a body that has these channels, and stands on the ground of the start."""
-    ahead, aside, up = (jnp.asarray(axis, motion.dtype) for axis in _axes(motion))
+    ahead, aside, up = (jnp.asarray(axis, motion.dtype) for axis in axes_of(motion))
     forward, sideways, rate, height, *lean = jnp.moveaxis(jnp.asarray(channels), -1, 0)
     angle = _walked(rate * motion.frame_time)
     yaw = quaternion.multiply(quaternion.exp(angle[:, None] * up), start.yaw)
@@ -136,7 +105,7 @@ def _hung(motion: Motion, position: Array, turned: Array) -> Motion:
     """The motion with its body there, in the world."""
     body = body_of(motion)
     if body:
-        place, above = _pose(motion, motion.skeleton.parents[body])
+        place, above = pose_in_world(motion, motion.skeleton.parents[body])
         back = quaternion.conjugate(above)
         position = quaternion.rotate(back, position - place)
         turned = quaternion.multiply(back, turned)
@@ -145,30 +114,6 @@ def _hung(motion: Motion, position: Array, turned: Array) -> Motion:
         jnp.asarray(motion.translations).at[:, body].set(position),
         jnp.asarray(motion.rotations).at[:, body].set(jnp.where(other, -turned, turned)),
     )
-
-
-def _pose(motion: Motion, joint: int) -> tuple[Float[Array, "time 3"], Float[Array, "time 4"]]:
-    """World position and rotation of a joint near the root."""
-    translations, rotations = jnp.asarray(motion.translations), jnp.asarray(motion.rotations)
-    position, turned = translations[:, joint], rotations[:, joint]
-    while joint:
-        joint = motion.skeleton.parents[joint]
-        above = rotations[:, joint]
-        position = translations[:, joint] + quaternion.rotate(above, position)
-        turned = quaternion.multiply(above, turned)
-    return position, turned
-
-
-def _posture(
-    motion: Motion, upright: Vector3
-) -> tuple[Float[Array, "time 3"], Float[Array, "time 4"], Float[Array, "time 2"]]:
-    """The body's position, yaw and lean."""
-    ahead, aside, up = (jnp.asarray(axis, motion.dtype) for axis in _axes(motion))
-    position, turned = _pose(motion, body_of(motion))
-    turned = quaternion.multiply(turned, quaternion.conjugate(shortest_arc(upright, up)))
-    yaw = twist(turned, up)
-    swing = quaternion.log(quaternion.between(yaw, turned))
-    return position, yaw, jnp.stack([swing @ ahead, swing @ aside], axis=-1)
 
 
 def _ground(motion: Motion, count: Int[Array, ""] | None) -> Float[Array, ""]:
@@ -183,9 +128,3 @@ def _ground(motion: Motion, count: Int[Array, ""] | None) -> Float[Array, ""]:
 def _walked(steps: Array) -> Array:
     """Where the steps lead, of which the first is none."""
     return jnp.cumsum(steps.at[0].set(0), axis=0)
-
-
-def _axes(motion: Motion) -> _Axes:
-    up = motion.skeleton.up_axis
-    ahead, aside = np.eye(3)[[(up + 1) % 3, (up + 2) % 3]]
-    return _Axes(ahead, aside, np.eye(3)[up])

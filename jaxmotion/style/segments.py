@@ -31,7 +31,8 @@ from jaxmotion._entry import finite_clip
 from jaxmotion._summary import brief, line
 from jaxmotion._types import ScalarLike
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import HEIGHT, body_of, encode, upright
+from jaxmotion.posture import body_of, upright
+from jaxmotion.style.root import HEIGHT, encode
 from jaxmotion.style.statistics import deviations
 
 _PARTS, _SHARE = 8, 0.95

@@ -40,7 +40,8 @@ from jaxmotion.io.archive import Archive, write_archive
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.linalg.symmetric import symmetric_function
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import CHANNELS, body_of, counting, encode, rounding, upright
+from jaxmotion.posture import body_of, counting, upright
+from jaxmotion.style.root import CHANNELS, encode, rounding
 
 Mean: TypeAlias = Literal["recursive", "karcher", "chordal"]
 MEANS = ("recursive", "karcher", "chordal")

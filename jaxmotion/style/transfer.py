@@ -31,10 +31,11 @@ from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, cleanup_footskate, detect, replant
 from jaxmotion.contacts.contact import check_kept
 from jaxmotion.motion import Motion
+from jaxmotion.posture import body_of, upright
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.style.carry import carried, in_tempo, ratio
 from jaxmotion.style.correspondence import Warp, corresponding, strides, without_room
-from jaxmotion.style.root import Start, body_of, encode, upright
+from jaxmotion.style.root import Start, encode
 from jaxmotion.style.statistics import MEANS, STILL, Mean, MotionStyle, mixed, statistics
 from jaxmotion.timing import MotionWarp
 

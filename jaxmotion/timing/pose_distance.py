@@ -105,9 +105,14 @@ def _all_pairs(x: Array, y: Array, w: Array, trim: int) -> Array:
 
 def _squared_arc(p: Array, q: Array) -> Array:
     """θ² between a unit quaternion and others, whose components are on axis 0."""
-    near = sum((a - b) ** 2 for a, b in zip(p, q, strict=True))
-    far = sum((a + b) ** 2 for a, b in zip(p, q, strict=True))
+    near = _added([(a - b) ** 2 for a, b in zip(p, q, strict=True)])
+    far = _added([(a + b) ** 2 for a, b in zip(p, q, strict=True)])
     return _arc_of_chord(jnp.minimum(jnp.minimum(near, far) / 4, jnp.asarray(0.5, near.dtype)))
+
+
+def _added(w_to_z: list[Array]) -> Array:
+    w, x, y, z = w_to_z
+    return w + x + y + z
 
 
 @jax.custom_jvp

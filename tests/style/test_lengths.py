@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
+from jaxmotion.posture import upright
 from jaxmotion.style import apply_style, motion_style, style_distance, transfer_style
-from jaxmotion.style.root import decode, encode, upright
+from jaxmotion.style.root import decode, encode
 from jaxmotion.style.statistics import deviations
 from tests.helpers import assert_trees_close, compilations
 from tests.style.clips import quaternions, rotations, swaying

@@ -6,7 +6,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
-from jaxmotion.style.root import body_of, decode, encode, lean, upright
+from jaxmotion.posture import body_of, upright
+from jaxmotion.style.root import decode, encode, lean
 from tests.helpers import assert_same_rotation
 from tests.style.clips import quaternions, rotations, skeleton, swaying
 
