@@ -18,6 +18,7 @@ stays in a core's cache. O(N) a pair.
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
@@ -73,7 +74,7 @@ def _of_tile(
 
     def of_word(start: Array) -> Array:
         minima = [
-            lax.dynamic_slice(slid[last - first + 1], (start + i, first), (1, targets))[0]
+            lax.dynamic_slice(slid[last - first + 1], (start + i, np.int32(first)), (1, targets))[0]
             for i, (first, last) in enumerate(columns)
         ]
         return _least_mean(minima, shape)

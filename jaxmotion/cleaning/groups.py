@@ -6,13 +6,14 @@ A joint tells nothing of its own if
     small       it hangs from a joint that has several such, none of whose chains is longer than
                 0.15 of the figure: fingers, the face
     copied      its rotation vector is a fixed share of that of a joint whose bone it lies along
-                (its parent, its child, or a child of its parent that goes the same way): twist
-                bones
+                (its parent, its child, or a child of its parent that goes the same way), or its
+                name says twist, roll or share, and that of all below it: what a rig adds to a body
 
 Groups, which overlap: "whole"; "lower", what hangs from the joint of the hips and ends in a foot;
 "upper", all else; "left" and "right", all but the other side. NumPy on the host, O(T·J).
 """
 
+import re
 from collections.abc import Sequence
 
 import jax.numpy as jnp
@@ -20,8 +21,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxmotion import quaternion
-from jaxmotion._checks import known
-from jaxmotion._entry import finite_clip
+from jaxmotion._checks import known, traced
+from jaxmotion._entry import finite_clip, one_clip
 from jaxmotion.contacts import find_feet
 from jaxmotion.kinematics import mirrored_pairs
 from jaxmotion.motion import Motion
@@ -32,6 +33,7 @@ GROUPS = ("whole", "upper", "lower", "left", "right")
 _STILL = np.radians(0.5)
 _SMALL = 0.15
 _COPIED = 0.01  # of the variance, that the share of another leaves
+_ADDED = re.compile(r"twist|roll|share")
 _ALONG = 0.98  # cosine of two bones that lie along each other
 
 
@@ -81,6 +83,9 @@ def one_skeleton(caller: str, motions: Motion | Sequence[Motion]) -> list[Motion
     if not clips:
         raise ValueError(f"{caller}: no clips; expected one at least")
     for k, clip in enumerate(clips):
+        one_clip(caller, clip, f"motions[{k}]", on_host=True)
+        if traced(clip.rotations):
+            raise ValueError(f"{caller}: motions[{k}] is traced; call it outside of jit and vmap")
         finite_clip(caller, clip, f"motions[{k}]")
         if clip.skeleton.names != clips[0].skeleton.names:
             raise ValueError(f"{caller}: motions[{k}] has other joints than the first")
@@ -97,7 +102,7 @@ def informative(clips: Sequence[Motion]) -> Bool[np.ndarray, " joint"]:
     still = squared <= len(q) * _STILL**2
     # Copies show in the turns themselves, not in those about their means.
     turns = np.asarray(quaternion.log(q), np.float64)
-    return ~(still | _small(skeleton) | _copied(skeleton, turns, ~still))
+    return ~(still | _small(skeleton) | _added(skeleton) | _copied(skeleton, turns, ~still))
 
 
 def _small(skeleton: Skeleton) -> Bool[np.ndarray, " joint"]:
@@ -118,6 +123,14 @@ def _small(skeleton: Skeleton) -> Bool[np.ndarray, " joint"]:
         if len(children) > 1 and all(length[j] + reach[j] < _SMALL * size for j in children):
             small[list(children)] = True
     return _with_descendants(skeleton, np.flatnonzero(small))
+
+
+def _added(skeleton: Skeleton) -> Bool[np.ndarray, " joint"]:
+    """Twist bones and their like, by name."""
+    added = np.array([bool(_ADDED.search(name.lower())) for name in skeleton.names])
+    for j in range(skeleton.num_joints - 1, 0, -1):
+        added[skeleton.parents[j]] &= added[j]
+    return added
 
 
 def _copied(
