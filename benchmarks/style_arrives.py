@@ -41,7 +41,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
-from jaxmotion.posture import body_of, upright
+from jaxmotion._posture import body_of, upright
 from jaxmotion.style.root import encode
 
 FRAMES = 128

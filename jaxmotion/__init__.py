@@ -31,6 +31,7 @@ from jaxmotion._lazy import loader
 __version__ = "0.1.0"
 
 _MODULES = (
+    "cleaning",
     "contacts",
     "displacement",
     "io",
@@ -78,6 +79,7 @@ _HOMES = {
 
 if TYPE_CHECKING:
     from jaxmotion import (
+        cleaning,
         contacts,
         displacement,
         io,
@@ -125,6 +127,7 @@ __all__ = [
     "buckets",
     "check",
     "checks",
+    "cleaning",
     "concatenate",
     "contacts",
     "decompose",

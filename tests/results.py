@@ -24,6 +24,7 @@ import optimistix
 import jaxmotion as jm
 from jaxmotion import (
     axes,
+    cleaning,
     contacts,
     displacement,
     kinematics,
@@ -205,6 +206,13 @@ _MAKERS: dict[str, Callable[[], Any]] = {
     ),
     "WarpPath": lambda: timing.WarpPath(
         zeros(), zeros(40, 2, dtype=np.int32), zeros(dtype=np.int32)
+    ),
+    "MotionWords": lambda: cleaning.MotionWords(
+        zeros(5, 15, JOINTS, 4), zeros(5, dtype=np.int32), tuple(range(JOINTS))
+    ),
+    "Neighbours": lambda: cleaning.Neighbours(
+        *(zeros(5, dtype=np.int32), zeros(5, 8, dtype=np.int32), zeros(5, 8, dtype=np.int32)),
+        *(zeros(5, 8), zeros(5, 8, 15, dtype=np.int32), 0.0321, tuple(range(JOINTS))),
     ),
     "MotionWarp": lambda: timing.MotionWarp(
         *(zeros(FRAMES, dtype=np.int32), zeros(FRAMES, 9), zeros(FRAMES, 9), zeros(100)),

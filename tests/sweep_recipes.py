@@ -440,6 +440,7 @@ RECIPES = {
         both,
         ALL_BUT_HINGES,
     ),
+    "cleaning.motion_words": recipe(lambda f, c: f(c.motion, length=2).rotations, rotations),
     "contacts.cleanup_footskate": recipe(
         lambda f, c: f(c.motion, c.contacts),
         planted,
@@ -501,6 +502,8 @@ EXCEPTIONS = {
     "jaxmotion.buckets": "a setting",
     "jaxmotion.checks": "a setting",
     "jaxmotion.enable_compilation_cache": "a setting",
+    "cleaning.joint_groups": "joints of concrete clips, in NumPy",
+    "cleaning.nearest_words": "an exact search among concrete clips, on the host",
     "io.save": "writes the file that the recipe of io.load reads",
     "kinematics.mirrored_pairs": "pairs of numbers, from names alone",
     "samples.names": "a list of names",

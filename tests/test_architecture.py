@@ -26,7 +26,7 @@ FLOORS = (
     (
         *("skeleton", "motion", "_entry", "clips", "_levels"),
         *("kinematics", "displacement", "_room"),
-        *("confine", "axes", "io", "samples", "posture"),
+        *("confine", "axes", "io", "samples", "_posture"),
     ),
     ("smoothing", "timing"),
     ("layers", "multiresolution", "style", "cleaning", "contacts", "spacetime"),
@@ -49,7 +49,7 @@ SIDEWAYS = {
     "clips": {"skeleton", "motion", "_entry"},
     "_levels": {"skeleton"},
     "kinematics": {"skeleton", "motion", "_entry", "_levels"},
-    "posture": {"skeleton", "motion"},
+    "_posture": {"skeleton", "motion"},
     "displacement": {"skeleton", "motion", "_entry"},
     "_room": {"motion", "displacement"},
     "confine": {"skeleton", "motion", "_entry", "displacement"},

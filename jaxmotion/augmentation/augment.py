@@ -33,6 +33,7 @@ from jaxmotion._checks import instance_of, known, require, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
+from jaxmotion._posture import body_of
 from jaxmotion._room import room_for
 from jaxmotion._types import ArrayLike, Key, ScalarLike
 from jaxmotion.augmentation.draws import Draws, bent_time, drawn
@@ -51,7 +52,6 @@ from jaxmotion.frames.count import frame_mask
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.layers import MotionLayers, decompose, synthesize
 from jaxmotion.motion import Motion
-from jaxmotion.posture import body_of
 from jaxmotion.spacetime import JointLimits, learn_limits
 from jaxmotion.style import MotionStyle, motion_style
 from jaxmotion.style.carry import carried

@@ -23,10 +23,10 @@ from jaxtyping import Bool, Float
 from jaxmotion import quaternion
 from jaxmotion._checks import known, traced
 from jaxmotion._entry import finite_clip, one_clip
+from jaxmotion._posture import body_of
 from jaxmotion.contacts import find_feet
 from jaxmotion.kinematics import mirrored_pairs
 from jaxmotion.motion import Motion
-from jaxmotion.posture import body_of
 from jaxmotion.skeleton import Skeleton
 
 GROUPS = ("whole", "upper", "lower", "left", "right")

@@ -32,6 +32,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmotion._checks import one_of, static
 from jaxmotion._portable import Portable
+from jaxmotion._posture import upright
 from jaxmotion._summary import some
 from jaxmotion._types import AnyArray
 from jaxmotion.cleaning.bound import WordShape, least_distances
@@ -39,7 +40,6 @@ from jaxmotion.cleaning.groups import one_skeleton
 from jaxmotion.cleaning.words import check_sizes, chosen_joints, texture, word_starts
 from jaxmotion.frames.padding import program_size
 from jaxmotion.motion import Motion
-from jaxmotion.posture import upright
 from jaxmotion.timing import dtw, pose_distance
 
 Pairs: TypeAlias = Literal["bounded", "all"]

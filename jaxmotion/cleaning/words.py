@@ -1,7 +1,7 @@
 """Motion words: what a body does for a moment, wherever it is and whichever way it goes.
 
 A word is N consecutive frames of some joints' local rotations. Of the joint that the body hangs
-from only the lean counts: its place is dropped, and its yaw removed (:mod:`jaxmotion.posture`).
+from only the lean counts: its place is dropped, and its yaw removed (:mod:`jaxmotion._posture`).
 Words begin at every ``stride``-th frame, and one ends with the clip. Source: Aristidou et al. 2018,
 §3. O(T·J).
 """
@@ -17,11 +17,11 @@ from jaxmotion import quaternion
 from jaxmotion._checks import one_of, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._portable import Portable
+from jaxmotion._posture import body_of, posture, upright
 from jaxmotion._summary import some
 from jaxmotion._types import AnyArray, Vector3
 from jaxmotion.cleaning.groups import GROUPS, joint_groups
 from jaxmotion.motion import Motion
-from jaxmotion.posture import body_of, posture, upright
 
 
 class MotionWords(Portable):

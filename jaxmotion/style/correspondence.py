@@ -23,9 +23,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
+from jaxmotion._posture import body_of, counting, upright
 from jaxmotion._room import Room
 from jaxmotion.motion import Motion
-from jaxmotion.posture import body_of, counting, upright
 from jaxmotion.quaternion import mean
 from jaxmotion.style.root import lean
 from jaxmotion.style.statistics import deviations

@@ -22,10 +22,10 @@ from jaxmotion import quaternion
 from jaxmotion._checks import instance_of, known, one_of, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_sqrt
+from jaxmotion._posture import body_of
 from jaxmotion._room import room_for
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
-from jaxmotion.posture import body_of
 from jaxmotion.style.root import HEIGHT, encode
 from jaxmotion.style.statistics import MEANS, Mean, MotionStyle, square_root, statistics
 from jaxmotion.style.transfer import matched, selected

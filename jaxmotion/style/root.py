@@ -5,7 +5,7 @@
     height         above the ground, length
     lean           rotation vector of the swing, its two horizontal parts, radians
 
-Of the joint that the body hangs from, in the world (:mod:`jaxmotion.posture`); what stands above it
+Of the joint that the body hangs from, in the world (:mod:`jaxmotion._posture`); what stands above it
 keeps still. The first frame has the velocities of the second. Decoding walks on from a place and a
 yaw: O(T), exact.
 
@@ -23,10 +23,10 @@ from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._numerics import rounding_angle
+from jaxmotion._posture import axes_of, body_of, counting, pose_in_world, posture
 from jaxmotion._types import AnyArray, Quaternion, Vector3
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
-from jaxmotion.posture import axes_of, body_of, counting, pose_in_world, posture
 from jaxmotion.quaternion.arcs import shortest_arc
 
 CHANNELS = ("ahead", "aside", "yaw rate", "height", "lean ahead", "lean aside")

@@ -28,10 +28,10 @@ from jaxtyping import Float
 from jaxmotion import quaternion
 from jaxmotion._checks import one_number, static, traced
 from jaxmotion._entry import finite_clip
+from jaxmotion._posture import body_of, upright
 from jaxmotion._summary import brief, line
 from jaxmotion._types import ScalarLike
 from jaxmotion.motion import Motion
-from jaxmotion.posture import body_of, upright
 from jaxmotion.style.root import HEIGHT, encode
 from jaxmotion.style.statistics import deviations
 

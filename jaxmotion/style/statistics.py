@@ -34,13 +34,13 @@ from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import angle_over_sine, rounding_angle, safe_sqrt
 from jaxmotion._plain import quoted
 from jaxmotion._portable import Portable
+from jaxmotion._posture import body_of, counting, upright
 from jaxmotion._room import room_for
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
 from jaxmotion.io.archive import Archive, write_archive
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.linalg.symmetric import symmetric_function
 from jaxmotion.motion import Motion
-from jaxmotion.posture import body_of, counting, upright
 from jaxmotion.style.root import CHANNELS, encode, rounding
 
 Mean: TypeAlias = Literal["recursive", "karcher", "chordal"]

@@ -25,13 +25,13 @@ from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._plain import quoted
 from jaxmotion._portable import Portable
+from jaxmotion._posture import body_of, upright
 from jaxmotion._room import room_for
 from jaxmotion._summary import some
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import Contacts, cleanup_footskate, detect, replant
 from jaxmotion.contacts.contact import check_kept
 from jaxmotion.motion import Motion
-from jaxmotion.posture import body_of, upright
 from jaxmotion.skeleton import Skeleton
 from jaxmotion.style.carry import carried, in_tempo, ratio
 from jaxmotion.style.correspondence import Warp, corresponding, strides, without_room

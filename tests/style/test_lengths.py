@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
-from jaxmotion.posture import upright
+from jaxmotion._posture import upright
 from jaxmotion.style import apply_style, motion_style, style_distance, transfer_style
 from jaxmotion.style.root import decode, encode
 from jaxmotion.style.statistics import deviations

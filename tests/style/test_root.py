@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
-from jaxmotion.posture import body_of, upright
+from jaxmotion._posture import body_of, upright
 from jaxmotion.style.root import decode, encode, lean
 from tests.helpers import assert_same_rotation
 from tests.style.clips import quaternions, rotations, skeleton, swaying
