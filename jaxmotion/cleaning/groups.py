@@ -102,13 +102,23 @@ def informative(clips: Sequence[Motion]) -> Bool[np.ndarray, " joint"]:
     still = squared <= len(q) * _STILL**2
     # Copies show in the turns themselves, not in those about their means.
     turns = np.asarray(quaternion.log(q), np.float64)
-    return ~(still | _small(skeleton) | _added(skeleton) | _copied(skeleton, turns, ~still))
+    bones = _bones(clips)
+    copied = _copied(skeleton, bones, turns, ~still)
+    return ~(still | _small(skeleton, bones) | _added(skeleton) | copied)
 
 
-def _small(skeleton: Skeleton) -> Bool[np.ndarray, " joint"]:
+def _bones(clips: Sequence[Motion]) -> Float[np.ndarray, "joint 3"]:
+    """From each joint's parent to it, as most of the time: files may move every joint. 0 down to
+    the joint that the body hangs from."""
+    every = np.concatenate([np.asarray(known(clip.translations), np.float64) for clip in clips])
+    bones = np.median(every, axis=0)
+    bones[: body_of(clips[0]) + 1] = 0
+    return bones
+
+
+def _small(skeleton: Skeleton, bones: Float[np.ndarray, "joint 3"]) -> Bool[np.ndarray, " joint"]:
     """Fingers and faces, by where they are."""
-    offsets = np.asarray(known(skeleton.offsets), np.float64)
-    length = np.linalg.norm(offsets, axis=-1)
+    length = np.linalg.norm(bones, axis=-1)
     reach = np.zeros(skeleton.num_joints)
     for joint, tip in zip(
         skeleton.end_joints, np.asarray(known(skeleton.end_offsets)), strict=True
@@ -134,11 +144,13 @@ def _added(skeleton: Skeleton) -> Bool[np.ndarray, " joint"]:
 
 
 def _copied(
-    skeleton: Skeleton, turns: Float[np.ndarray, "time joint 3"], moves: Bool[np.ndarray, " joint"]
+    skeleton: Skeleton,
+    bones: Float[np.ndarray, "joint 3"],
+    turns: Float[np.ndarray, "time joint 3"],
+    moves: Bool[np.ndarray, " joint"],
 ) -> Bool[np.ndarray, " joint"]:
     """The one of two that turns less, of those that turn together; of equals the later."""
-    offsets = np.asarray(known(skeleton.offsets), np.float64)
-    length = np.linalg.norm(offsets, axis=-1)
+    length = np.linalg.norm(bones, axis=-1)
     squared = np.einsum("tja,tja->j", turns, turns)
     copied = np.zeros(skeleton.num_joints, bool)
     for parent, children in enumerate(skeleton.children):
@@ -147,7 +159,7 @@ def _copied(
             (a, b)
             for n, a in enumerate(children)
             for b in children[n + 1 :]
-            if offsets[a] @ offsets[b] > _ALONG * length[a] * length[b]
+            if bones[a] @ bones[b] > _ALONG * length[a] * length[b]
         ]
         for a, b in related:
             if not (moves[a] and moves[b]):

@@ -5,9 +5,9 @@
     height         above the ground, length
     lean           rotation vector of the swing, its two horizontal parts, radians
 
-Of the joint that the body hangs from, in the world (:mod:`jaxmotion._posture`); what stands above it
-keeps still. The first frame has the velocities of the second. Decoding walks on from a place and a
-yaw: O(T), exact.
+Of the joint that the body hangs from, in the world (:mod:`jaxmotion._posture`); what stands above
+it keeps still. The first frame has the velocities of the second. Decoding walks on from a place and
+a yaw: O(T), exact.
 
 The ground is where the lowest joint is in the lowest tenth of the frames.
 

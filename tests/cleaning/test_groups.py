@@ -128,3 +128,12 @@ def test_what_is_wrong_is_said():
         joint_groups([body(), body([("Tail", "Hips", (0, 0, -2))])])
     with no_shape_checks(), pytest.raises(ValueError, match="Motion"):
         joint_groups(["walk"])
+
+
+def test_bones_are_where_frames_have_them():
+    """Files that move every joint may say nothing in their offsets."""
+    motion = body([("LeftHand", "LeftArm", (4, 0, 0)), ("LeftThumb", "LeftHand", (0.3, 0, 0.3))])
+    names = motion.skeleton.names
+    bare = jm.Skeleton(names, motion.skeleton.parents, np.zeros((len(names), 3)))
+    moved = jm.Motion(bare, motion.translations, motion.rotations, motion.frame_time)
+    assert joint_groups(moved)["whole"] == joint_groups(motion)["whole"]
