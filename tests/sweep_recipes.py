@@ -153,7 +153,9 @@ ILL_CONDITIONED = {
 ALL_BUT_HINGES = {
     "quotients": "joints that turn about one axis bend the root of C more than a step spans"
 }
-HALF_OF_THEM = {"jit": "roots of covariances of few frames have half of float32's digits"}
+HALF_OF_THEM = dict.fromkeys(
+    ("jit", "vmap"), "roots of covariances of few frames have half of float32's digits"
+)
 PAST_LGS = {
     "stiff float32": {"gradients": "lam sigma = 1e6 is more than lgs holds there, as documented"}
 }
@@ -373,6 +375,7 @@ RECIPES = {
         ),
         both,
         ALL_BUT_HINGES,
+        {"joints200 float32": HALF_OF_THEM},
     ),
     "timing.align": recipe(lambda f, c: _alignment(f(c.motion, c.other)), both),
     "timing.bucket_size": untraced(lambda f, c: f(c.frames), STATIC),
