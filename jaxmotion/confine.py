@@ -110,6 +110,5 @@ def selection_weights(
         distance = np.minimum(distance, end - time)
     window *= np.where(distance < ramp, 0.5 - 0.5 * np.cos(np.pi * distance / ramp), 1.0)
     chosen = np.zeros(skeleton.num_joints)
-    for pattern in joints or ("*",):
-        chosen[list(skeleton.matching(pattern))] = strength
+    chosen[list(skeleton.matching(*(joints or ("*",))))] = strength
     return window[:, None] * chosen

@@ -215,23 +215,27 @@ class Skeleton(Portable):
             raise ValueError(f"no joint is called {name!r}; the joints are {', '.join(self.names)}")
         return self.names.index(name)
 
-    def matching(self, pattern: str) -> tuple[int, ...]:
-        """Indices of the joints whose names match a shell pattern such as ``"Left*"`` (any case).
+    def matching(self, *patterns: str) -> tuple[int, ...]:
+        """Indices of the joints whose names match one of the shell patterns, such as ``"Left*"``
+        (any case).
 
-        **Arguments:** ``pattern``: as of :mod:`fnmatch`.
+        **Arguments:** ``patterns``: as of :mod:`fnmatch`, one or more.
         **Returns:** the joints' numbers, in order.
-        **Raises:** ``ValueError``, listing the names, if none does.
+        **Raises:** ``ValueError``, listing the names, for a pattern that none matches.
         """
-        found = tuple(
-            j
-            for j, name in enumerate(self.names)
-            if fnmatch.fnmatchcase(name.lower(), pattern.lower())
-        )
-        if not found:
-            raise ValueError(
-                f"no joint matches {pattern!r}; the joints are {', '.join(self.names)}"
-            )
-        return found
+        found: set[int] = set()
+        for pattern in patterns:
+            joints = [
+                j
+                for j, name in enumerate(self.names)
+                if fnmatch.fnmatchcase(name.lower(), pattern.lower())
+            ]
+            if not joints:
+                raise ValueError(
+                    f"no joint matches {pattern!r}; the joints are {', '.join(self.names)}"
+                )
+            found.update(joints)
+        return tuple(sorted(found))
 
     def _words(self) -> Iterator[str]:
         (*batch, _, _) = self.offsets.shape

@@ -43,6 +43,8 @@ def test_finding_joints():
     assert skeleton.matching("left*") == (2, 4)
     assert skeleton.matching("*ARM") == (2, 3)
     assert skeleton.matching("Hips") == (0,)
+    assert skeleton.matching("*arm", "left*") == (2, 3, 4)
+    assert skeleton.matching() == ()
     with pytest.raises(ValueError, match="no joint is called 'leftarm'; the joints are Hips, Spi"):
         skeleton.index("leftarm")
     with pytest.raises(ValueError, match=r"no joint matches 'Tail\*'; the joints are Hips, Spine"):

@@ -93,7 +93,7 @@ def find(
     """The library's contacts of a padded clip."""
     import jaxmotion as jm
 
-    matching = sorted({j for pattern in joints for j in motion.skeleton.matching(pattern)})
+    matching = motion.skeleton.matching(*joints)
     return jm.contacts.detect(
         motion, method=method, joints=matching or None, floor=floor, length=length
     )

@@ -292,8 +292,7 @@ def selected(skeleton: Skeleton, joints: str | Sequence[str] | None) -> Bool[np.
     """Which joints the names or patterns mean."""
     patterns = ("*",) if joints is None else (joints,) if isinstance(joints, str) else joints
     chosen = np.zeros(skeleton.num_joints, bool)
-    for pattern in patterns:
-        chosen[list(skeleton.matching(pattern))] = True
+    chosen[list(skeleton.matching(*patterns))] = True
     return chosen
 
 
