@@ -49,6 +49,7 @@ _RUN = 3  # of "slope3"
 _WORDS = 32  # a block
 _LANES = 1024  # pairs that are warped at once
 _FIRST = 48  # targets of least bound that are warped first
+_RATES = 0.01  # that rates may differ by
 _TRIMMED = 8  # one joint in so many is left out
 
 
@@ -109,7 +110,7 @@ def nearest_words(
     **Arguments:**
 
     - ``motion``: the clip whose words are asked for.
-    - ``context``: clips of the same joints at the same rate.
+    - ``context``: clips of the same joints at the same rate, to a hundredth.
     - ``k``: K, how many neighbours.
     - ``length``: N, frames of a word; ``stride``: frames from word to word; ``target``: M ≥ N,
       frames of what a word is compared with.
@@ -121,8 +122,8 @@ def nearest_words(
     - ``progress``: called with how many words are done, and how many there are.
 
     **Returns:** :class:`Neighbours`; no words of a clip of fewer than N frames.
-    **Raises:** ``ValueError`` for what is traced or not finite, clips of other joints, numbers that
-    make no words, a ``trim`` that leaves no joint.
+    **Raises:** ``ValueError`` for what is traced or not finite, clips of other joints or rates,
+    numbers that make no words, a ``trim`` that leaves no joint.
 
     **Example:**
 
@@ -137,6 +138,7 @@ def nearest_words(
     check_sizes(caller, length, stride)
     others = [context] if isinstance(context, Motion) else list(context)
     clips = one_skeleton(caller, [motion, *others])
+    _check_rates(caller, clips)
     shape = WordShape(length, target, _RUN, target // 2 + 1)
     if not (isinstance(k, (int, np.integer)) and k >= 1 and target >= length):
         raise ValueError(f"{caller}: k={k}, target={target}; expected 1 and {length} at least")
@@ -162,6 +164,17 @@ def nearest_words(
     return Neighbours(first, clip, frame, distance, warp, warped, chosen)
 
 
+def _check_rates(caller: str, clips: Sequence[Motion]) -> None:
+    """``ValueError`` for clips whose frames last longer or shorter than the first's."""
+    times = np.array([float(clip.frame_time) for clip in clips])
+    other = np.flatnonzero(np.abs(times / times[0] - 1) > _RATES)
+    if other.size:
+        rates = f"{1 / times[other[0]]:.4g} frames a second, the motion {1 / times[0]:.4g}"
+        raise ValueError(
+            f"{caller}: context[{other[0] - 1}] has {rates}; jaxmotion.resample brings them to one"
+        )
+
+
 def _pooled(textures: Sequence[Array], shape: WordShape, *, own: bool) -> _Pool:
     frames = np.concatenate([np.arange(len(x)) for x in textures])
     clip = np.repeat(np.arange(len(textures)), [len(x) for x in textures])
@@ -178,12 +191,15 @@ def _in_blocks(search: Callable, starts: np.ndarray, progress: Progress | None) 
     """What the search finds for the words, a block at a time, on every core there is."""
     blocks = [starts[i : i + _WORDS] for i in range(0, len(starts), _WORDS)]
     found, done = [], 0
-    with ThreadPoolExecutor(_cores()) as pool:
-        for block, result in zip(blocks, pool.map(search, blocks), strict=True):
+    workers = ThreadPoolExecutor(_cores())
+    try:
+        for block, result in zip(blocks, workers.map(search, blocks), strict=True):
             found.append(result)
             done += len(block)
             if progress is not None:
                 progress(done, len(starts))
+    finally:
+        workers.shutdown(cancel_futures=True)
     return found
 
 

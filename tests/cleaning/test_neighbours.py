@@ -190,6 +190,8 @@ def test_what_is_wrong_is_said():
             nearest_words(motion, joints=None, pairs="some")
     with pytest.raises(ValueError, match="other joints"):
         nearest_words(motion, swaying(1, names=("a", "b", "c", "d", "e")), joints=None)
+    with pytest.raises(ValueError, match=r"context\[1\] has 60 frames a second, the motion 30"):
+        nearest_words(motion, [motion, motion.replace(frame_time=1 / 60)], joints=None)
     with pytest.raises(ValueError, match="traced"):
         jax.jit(lambda m: nearest_words(m, joints=None).distance)(motion)
     broken = motion.with_transforms(
@@ -197,3 +199,19 @@ def test_what_is_wrong_is_said():
     )
     with pytest.raises(ValueError, match="finite"):
         nearest_words(broken, joints=None)
+
+
+def test_what_interrupts_ends_the_search(monkeypatch):
+    """Blocks that wait are not begun."""
+    begun = []
+    monkeypatch.setattr(neighbours, "_WORDS", 4)
+    monkeypatch.setattr(neighbours, "_cores", lambda: 1)
+    search = neighbours._search
+    monkeypatch.setattr(neighbours, "_search", lambda *x: begun.append(1) or search(*x))
+
+    def stop(done, every):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        nearest_words(repeating(13, 200), joints=None, progress=stop)
+    assert len(begun) < 5
