@@ -21,13 +21,11 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, TypeAlias
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Float, Int
 
 from jaxmotion._checks import one_of, static
@@ -35,19 +33,17 @@ from jaxmotion._portable import Portable
 from jaxmotion._posture import upright
 from jaxmotion._summary import some
 from jaxmotion._types import AnyArray
-from jaxmotion.cleaning.bound import WordShape, least_distances
+from jaxmotion.cleaning.bound import WordShape
 from jaxmotion.cleaning.groups import one_skeleton
+from jaxmotion.cleaning.pairs import Pairs, Pool, frame_distances, pooled
 from jaxmotion.cleaning.words import check_sizes, chosen_joints, texture, word_starts
-from jaxmotion.frames.padding import program_size
 from jaxmotion.motion import Motion
-from jaxmotion.timing import dtw, pose_distance
 
-Pairs: TypeAlias = Literal["bounded", "all"]
+Tried: TypeAlias = Literal["bounded", "all"]
 Progress: TypeAlias = Callable[[int, int], None]
 
 _RUN = 3  # of "slope3"
 _WORDS = 32  # a block
-_LANES = 1024  # pairs that are warped at once
 _FIRST = 48  # targets of least bound that are warped first
 _RATES = 0.01  # that rates may differ by
 _TRIMMED = 8  # one joint in so many is left out
@@ -77,16 +73,6 @@ class Neighbours(Portable):
         yield f"{100 * self.warped:.3g} % of pairs warped"
 
 
-class _Pool(NamedTuple):
-    """All clips end to end: ``rotations`` f[P, J, 4], padded; of every target that begins at a
-    frame ``clip`` i32[P] and ``frame`` i32[P] in it, and whether it fits into the clip."""
-
-    rotations: Array
-    clip: np.ndarray
-    frame: np.ndarray
-    fits: np.ndarray
-
-
 @static("k", "length", "stride", "target", "joints", "trim", "own", "pairs")
 def nearest_words(
     motion: Motion,
@@ -99,7 +85,7 @@ def nearest_words(
     joints: str | Sequence[int | str] | None = "whole",
     trim: int | None = None,
     own: bool = True,
-    pairs: Pairs = "bounded",
+    pairs: Tried = "bounded",
     progress: Progress | None = None,
 ) -> Neighbours:
     """The nearest words of every word of a clip, in the clip itself and in others. Exact.
@@ -148,7 +134,7 @@ def nearest_words(
         raise ValueError(f"{caller}: trim={trim}; expected less than the {len(chosen)} joints")
     stands = upright(motion)
     words = texture(motion, chosen, stands)
-    pool = _pooled([texture(clip, chosen, stands) for clip in clips], shape, own=own)
+    pool = pooled([texture(clip, chosen, stands) for clip in clips], shape, own=own)
     starts = word_starts(motion.num_frames, length, stride)
     search = partial(_search, words, pool, int(k), shape, int(trim), pairs, own)
     found = _in_blocks(search, starts, progress)
@@ -173,18 +159,6 @@ def _check_rates(caller: str, clips: Sequence[Motion]) -> None:
         raise ValueError(
             f"{caller}: context[{other[0] - 1}] has {rates}; jaxmotion.resample brings them to one"
         )
-
-
-def _pooled(textures: Sequence[Array], shape: WordShape, *, own: bool) -> _Pool:
-    frames = np.concatenate([np.arange(len(x)) for x in textures])
-    clip = np.repeat(np.arange(len(textures)), [len(x) for x in textures])
-    ends = np.repeat([len(x) for x in textures], [len(x) for x in textures])
-    fits = (frames + shape.target <= ends) & ((clip > 0) | own)
-    fill = program_size(len(frames)) - len(frames)
-    rotations = np.concatenate([np.asarray(x) for x in textures])
-    rotations = np.pad(rotations, ((0, fill), (0, 0), (0, 0)), mode="edge")
-    clip, frames, fits = (np.pad(x, (0, fill)) for x in (clip, frames, fits))
-    return _Pool(jax.device_put(rotations), clip, frames, fits)
 
 
 def _in_blocks(search: Callable, starts: np.ndarray, progress: Progress | None) -> list:
@@ -212,11 +186,11 @@ def _cores() -> int:
 
 def _search(
     words: Array,
-    pool: _Pool,
+    pool: Pool,
     k: int,
     shape: WordShape,
     trim: int,
-    pairs: Pairs,
+    pairs: Tried,
     own: bool,
     starts: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
@@ -224,9 +198,9 @@ def _search(
     warped."""
     filled = np.append(starts, np.repeat(starts[-1:], _WORDS - len(starts)))
     rows = filled[0] + np.arange(_rows(filled, shape))
-    d = _frame_distances(words[np.minimum(rows, len(words) - 1)], pool.rotations, trim)
+    d = frame_distances(words[np.minimum(rows, len(words) - 1)], pool.rotations, trim)
     places = filled - filled[0]
-    known = _Known(d, places, shape, len(starts), pool)
+    known = Pairs(d, places, shape, len(starts), pool)
     apart = np.abs(2 * (pool.frame - starts[:, None]) + shape.target - shape.length)
     allowed = pool.fits & ~(own & (pool.clip == 0) & (apart < shape.length))
     if pairs == "all":
@@ -246,7 +220,7 @@ def _search(
     )
 
 
-def _warp_what_may_be_near(known: "_Known", allowed: np.ndarray, k: int) -> None:
+def _warp_what_may_be_near(known: Pairs, allowed: np.ndarray, k: int) -> None:
     """Warp pairs until the K least minima of every word are among them: those of least bound, until
     there are K minima at all, then whatever may still come before the last of them."""
     many = _FIRST
@@ -266,57 +240,6 @@ def _warp_what_may_be_near(known: "_Known", allowed: np.ndarray, k: int) -> None
             wanted |= _least_bounded(left, many)
         if not known.warp(wanted):
             return
-
-
-class _Known:
-    """What is known of the distances of a block of words from all targets: ``exact`` f[B, P], +inf
-    where not ``done``; ``least`` f[B, P], the bounds where it is not, +inf where nothing fits."""
-
-    def __init__(
-        self, d: Array, places: np.ndarray, shape: WordShape, words: int, pool: _Pool
-    ) -> None:
-        self.d, self.places, self.shape, self.fits = d, places, shape, pool.fits
-        bounds = np.asarray(_bounds(d, jnp.asarray(places, jnp.int32), shape))[:words]
-        self.least = np.where(pool.fits, bounds, np.inf)
-        self.exact = np.full_like(self.least, np.inf)
-        self.done = np.zeros(self.least.shape, bool)
-        self.first = np.append(True, pool.clip[1:] != pool.clip[:-1])
-        self.warped = 0
-
-    def warp(self, wanted: np.ndarray) -> bool:
-        """Warp the pairs that are not done yet; whether there were any."""
-        word, target = np.nonzero(wanted & ~self.done & self.fits)
-        if not word.size:
-            return False
-        for begin in range(0, len(word), _LANES):
-            w, t = word[begin : begin + _LANES], target[begin : begin + _LANES]
-            found = np.asarray(_costs(self.d, *self._lanes(w, t, _LANES), self.shape))[: len(w)]
-            self.exact[w, t] = self.least[w, t] = found
-            self.done[w, t] = True
-        self.warped += len(word)
-        return True
-
-    def minima(self) -> np.ndarray:
-        """Which targets are known to be local minima."""
-        before = np.full_like(self.least, np.inf)
-        after = before.copy()
-        before[:, 1:] = np.where(self.first[1:], np.inf, self.least[:, :-1])
-        after[:, :-1] = np.where(self.first[1:], np.inf, self.least[:, 1:])
-        return self.done & (self.exact < before) & (self.exact <= after)
-
-    def paths(self, targets: np.ndarray) -> np.ndarray:
-        """The target's frame beside each frame of the words, i[B, K, N], for targets i[B, K]."""
-        words, k = targets.shape
-        w, t = np.repeat(np.arange(words), k), targets.ravel()
-        found = _middles(self.d, *self._lanes(w, t, _WORDS * k), self.shape)
-        return np.asarray(found)[: len(w)].reshape(words, k, -1)
-
-    def _lanes(self, w: np.ndarray, t: np.ndarray, lanes: int) -> tuple[Array, Array]:
-        """First row and column of pairs, filled up."""
-        fill = (0, lanes - len(w))
-        rows, columns = self.places[np.pad(w, fill, mode="edge")], np.pad(t, fill, mode="edge")
-        columns = np.minimum(columns, self.d.shape[1] - self.shape.target)
-        return jnp.asarray(rows, jnp.int32), jnp.asarray(columns, jnp.int32)
 
 
 def _rows(places: np.ndarray, shape: WordShape) -> int:
@@ -347,47 +270,6 @@ def _least(values: np.ndarray, k: int) -> np.ndarray:
         found = found[np.argsort(values[row, found], kind="stable")][:k]
         chosen[: len(found)] = found
     return best
-
-
-@partial(jax.jit, static_argnames="trim")
-def _frame_distances(words: Array, pool: Array, trim: int) -> Float[Array, "row target"]:
-    return pose_distance(words, pool, trim=trim)
-
-
-_bounds = jax.jit(least_distances, static_argnums=2)
-
-
-def _patches(d: Array, rows: Array, columns: Array, shape: WordShape) -> Array:
-    sizes = shape.length, shape.target
-    return jax.vmap(lambda i, j: lax.dynamic_slice(d, (i, j), sizes))(rows, columns)
-
-
-def _warped(cost: Array, shape: WordShape):
-    return dtw(
-        cost=cost, step_pattern="slope3", open_end=True, min_matched=shape.least, normalize="mean"
-    )
-
-
-@partial(jax.jit, static_argnums=3)
-def _costs(d: Array, rows: Array, columns: Array, shape: WordShape) -> Float[Array, " pair"]:
-    """Distances of words that begin at those rows and targets at those columns."""
-    return jax.vmap(lambda cost: _warped(cost, shape).cost)(_patches(d, rows, columns, shape))
-
-
-@partial(jax.jit, static_argnums=3)
-def _middles(d: Array, rows: Array, columns: Array, shape: WordShape) -> Int[Array, "pair frame"]:
-    """The middle of the target's frames that stand beside each frame of the word."""
-
-    def of_pair(cost: Array) -> Array:
-        found = _warped(cost, shape)
-        here = found.path[:, 0] == jnp.arange(shape.length, dtype=jnp.int32)[:, None]
-        here &= jnp.arange(found.path.shape[0], dtype=jnp.int32) < found.length
-        column = found.path[:, 1]
-        first = jnp.min(jnp.where(here, column, shape.target), axis=1)
-        last = jnp.max(jnp.where(here, column, -1), axis=1)
-        return (first + last) // 2
-
-    return jax.vmap(of_pair)(_patches(d, rows, columns, shape))
 
 
 def _nothing(k: int, length: int, dtype) -> tuple[np.ndarray, ...]:
