@@ -11,14 +11,13 @@ covariance each direction has its own ratio: a hinge stays a hinge. What is stil
 rad (0.06°; a direction's, with the covariance), counts as 0.001: there is nothing to scale but
 rounding. Ratios may be capped.
 
-With the tempo, time is stretched first, by ω̄_s/ω̄_r, and speeds of the source with it. Frames stay
-what they are: each lasts longer.
+With the tempo, time is stretched first, by ω̄_s/ω̄_r: frames stay what they are, each lasts longer.
+The source's channels a second are those of its own time, of which its statistics are.
 
 The body stands on the floor it stood on: after all, the root is put as far up as the lowest joint
 has sunk, so that the mean height is that of a body in these poses. O(T·J).
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -27,7 +26,7 @@ from jaxmotion import quaternion
 from jaxmotion._types import AnyArray
 from jaxmotion.linalg.symmetric import symmetric_function
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import RATES, Start, decode
+from jaxmotion.style.root import Start, decode
 from jaxmotion.style.statistics import STILL, MotionStyle, deviations, square_root
 
 
@@ -71,22 +70,11 @@ def carried(
     return decode(channels, start, goal.root_upright, edited, count)
 
 
-def in_tempo(
-    motion: Motion, channels: Float[Array, "time 6"], own: MotionStyle, tempo: Array
-) -> tuple[Motion, Array, MotionStyle, Array]:
-    """The motion, the channels of its body and its own manner with time stretched to that tempo,
-    and by how much; by 1 where either is still."""
-    mine = jnp.asarray(own.tempo)
-    still = (mine <= 0) | (tempo <= 0)
-    longer = jnp.where(still, 1, mine / jnp.where(still, 1, tempo))
-    scale = jnp.where(RATES, 1 / longer, 1)
-    slower = eqx.tree_at(
-        lambda style: (style.root_mean, style.root_deviation, style.tempo),
-        own,
-        (scale * own.root_mean, scale * own.root_deviation, mine / longer),
-    )
-    slow = motion.replace(frame_time=motion.frame_time * longer)
-    return slow, scale * channels, slower, longer
+def how_much_longer(own: Float[AnyArray, ""], goal: Float[AnyArray, ""]) -> Float[Array, ""]:
+    """ω̄_s/ω̄_r, by which time is stretched from one tempo to the other; 1 where either is still."""
+    own, goal = jnp.asarray(own), jnp.asarray(goal)
+    still = (own <= 0) | (goal <= 0)
+    return jnp.where(still, 1, own / jnp.where(still, 1, goal))
 
 
 def ratio(

@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
@@ -31,7 +30,6 @@ from jaxmotion.quaternion.arcs import shortest_arc
 
 CHANNELS = ("ahead", "aside", "yaw rate", "height", "lean ahead", "lean aside")
 HEIGHT = CHANNELS.index("height")
-RATES = np.arange(len(CHANNELS)) < HEIGHT  # those that are a second
 _LOWEST = 0.1
 
 

@@ -33,7 +33,7 @@ from jaxmotion.contacts import Contacts, cleanup_footskate, detect, replant
 from jaxmotion.contacts.contact import check_kept
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
-from jaxmotion.style.carry import carried, in_tempo, ratio
+from jaxmotion.style.carry import carried, how_much_longer, ratio
 from jaxmotion.style.correspondence import Warp, corresponding, strides, without_room
 from jaxmotion.style.root import Start, encode
 from jaxmotion.style.statistics import MEANS, STILL, Mean, MotionStyle, mixed, statistics
@@ -368,11 +368,11 @@ def _restyled(
     towards = mixed([own, goal], jnp.stack([1 - amount, amount]))
     chosen = np.array(plan.joints)
     longer = jnp.ones_like(towards.tempo)
-    channels, start = body
     if plan.tempo:
-        motion, channels, own, longer = in_tempo(motion, channels, own, towards.tempo)
+        longer = how_much_longer(own.tempo, towards.tempo)
+        motion = motion.replace(frame_time=motion.frame_time * longer)
     edited = carried(
-        motion, count, (channels, start), own, towards, joints=plan.joints, root=plan.root,
+        motion, count, body, own, towards, joints=plan.joints, root=plan.root,
         deviation=plan.deviation, side=plan.side, cap=cap,
     )  # fmt: skip
     turned = jnp.where(chosen, quaternion.distance(own.mean, towards.mean), 0)

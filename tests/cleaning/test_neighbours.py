@@ -215,3 +215,31 @@ def test_what_interrupts_ends_the_search(monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         nearest_words(repeating(13, 200), joints=None, progress=stop)
     assert len(begun) < 5
+
+
+def test_the_middle_of_several_frames():
+    """A pose that is held for three frames stands beside the word's one: the second of them."""
+    motion = swaying(14, 60)
+    at = np.concatenate([np.arange(40), [40, 40], np.arange(40, 60)])
+    held = motion.with_transforms(motion.translations[at], motion.rotations[at])
+    found = nearest_words(motion, held, joints=None, k=1, own=False, trim=0, stride=33)
+    np.testing.assert_allclose(found.distance[1], 0, atol=1e-12)
+    wanted = [*range(33, 40), 41, *range(43, 50)]
+    np.testing.assert_array_equal(found.warp[1, 0], wanted)
+
+
+def test_what_comes_again_soon():
+    """Every 11 frames, less than a word: its own clip is searched right up to the word."""
+    base = swaying(15, 11, size=0.6)
+    again = base.with_transforms(
+        *(np.concatenate([x] * 12) for x in (base.translations, base.rotations))
+    )
+    found = nearest_words(again, joints=None, k=12)
+    apart = np.abs(np.asarray(found.frame) - np.asarray(found.starts)[:, None])
+    inside = (np.asarray(found.starts) >= 11) & (np.asarray(found.starts) <= 90)
+    np.testing.assert_array_equal(np.sort(apart, axis=1)[inside, 0], 11)
+    rng = np.random.default_rng(0)
+    for seed in range(3):
+        turn = jm.quaternion.exp(0.3 * rng.standard_normal((132, 5, 3)))
+        rough = again.with_transforms(rotations=jm.quaternion.multiply(again.rotations, turn))
+        same(*(nearest_words(rough, joints=None, k=3 + seed, pairs=p) for p in ("bounded", "all")))
