@@ -128,7 +128,7 @@ def _augment(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
         raise ValueError(f"only {len(found)} of {_tried(tried)} variations are sound; {refused}")
     for name, made in zip(_names(wanted.count), found, strict=False):
         write(made, job.target / name, overwrite=batch.overwrite, up=batch.out_up)
-    learned = _rows(tried) if batch.report is not None else {}
+    learned = _rows(tried, _names(wanted.count)) if batch.report is not None else {}
     refused = _refusals(tried)
     message = f"{wanted.count} variations{f'; {refused}' if refused else ''}"
     return Effect((Clip.of(motion),), Clip.of(found[0]), message, learned=learned)
@@ -198,15 +198,16 @@ def _refusals(tried: "list[Variations]") -> str:
     return f"refused {refused} of {_tried(tried)}: {reasons}" if refused else ""
 
 
-def _rows(tried: "list[Variations]") -> "Learned":
-    """A row a variation."""
+def _rows(tried: "list[Variations]", names: list[str]) -> "Learned":
+    """A row a variation, with the file it went to; degrees and the file's unit."""
     import numpy as np
 
-    rows = []
+    rows, left = [], iter(names)
     for made in tried:
         reasons = made.refused()
         rows += [
             {
+                "file": "" if i in reasons else next(left, ""),
                 "gain": float(made.alpha[i]),
                 "own share": float(made.shares[i, 0]),
                 "beyond limits": float(np.degrees(np.asarray(made.excess[i]).max())),

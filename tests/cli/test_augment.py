@@ -33,6 +33,7 @@ def test_they_are_the_library_s(jaxmotion, take, tmp_path):
     rows = row["learned"]["variations"]
     np.testing.assert_allclose([row["gain"] for row in rows[:3]], made.alpha, rtol=1e-6)
     assert [not row["refused"] for row in rows[:3]] == made.accepted.tolist()
+    assert [row["file"] for row in rows if row["file"]] == ["01.bvh", "02.bvh", "03.bvh"]
 
 
 def test_seeds_and_names(jaxmotion, take, tmp_path):
