@@ -1,6 +1,7 @@
 """Seeded errors of single joints over runs of frames, with the entries they touched.
 
-    offset       q ← q ⊗ exp(v) over a run of frames, ‖v‖ in ``magnitude``
+    offset       q ← q ⊗ exp(v) over a run of frames, ‖v‖ in ``magnitude``; with a ramp, exp(w v),
+                 where w goes up from 0 as ½ − ½cos at the run's beginning, and down at its end
     spike        the same in single frames
     limit        the rotation vector's part along the joint's own widest direction is pushed
                  ``excess`` beyond the widest it goes in this clip, over a run
@@ -33,7 +34,7 @@ from jaxmotion.samples.corruptions import Corrupted, replace_where
 from jaxmotion.skeleton import Skeleton
 
 
-@static("runs")
+@static("runs", "ramp")
 def offset_joints(
     motion: Motion,
     key: Key,
@@ -42,21 +43,25 @@ def offset_joints(
     magnitude: tuple[float | int, float | int] = (0.5, 1.5),
     length: tuple[int, int] = (5, 30),
     joints: Sequence[int] | None = None,
+    ramp: int = 0,
 ) -> Corrupted:
     """Turn a joint by a constant rotation, in its own frame, over each of ``runs`` runs.
 
     **Arguments:** ``motion``: one clip, T frames; ``key``: of JAX's random numbers; ``runs``: how
     many, at least 1; ``magnitude``: least and greatest angle, radians; ``length``: least and
     greatest number of frames, both included; ``joints``: indices of those that may be hit, all but
-    the root when absent.
+    the root when absent; ``ramp``: frames over which the turn comes and goes, as of sensors that
+    drift away and back; 0 for an edge.
     **Returns:** :class:`Corrupted`.
     **Raises:** ``ValueError`` for what is not one clip, fewer than one run, bounds that are not in
-    order, negative angles, runs of less than a frame, no joints, or joints that the skeleton does
-    not have.
+    order, negative angles, runs of less than a frame, no joints, joints that the skeleton does not
+    have, or a negative ramp.
     """
     joints = _check_runs("offset_joints", motion, runs, length, joints)
     _check_range("offset_joints", "magnitude", magnitude)
-    return _offset(motion, key, runs, magnitude, length, joints)
+    if not isinstance(ramp, (int, np.integer)) or ramp < 0:
+        raise ValueError(f"offset_joints: ramp={ramp!r}; expected a number of frames, 0 or more")
+    return _offset(motion, key, runs, magnitude, length, joints, int(ramp))
 
 
 @static("count")
@@ -77,7 +82,7 @@ def add_spikes(
     """
     joints = _check_runs("add_spikes", motion, count, (1, 1), joints, name="count")
     _check_range("add_spikes", "magnitude", magnitude)
-    return _offset(motion, key, count, magnitude, (1, 1), joints)
+    return _offset(motion, key, count, magnitude, (1, 1), joints, 0)
 
 
 @static("runs")
@@ -163,24 +168,29 @@ def swap_limbs(
 
 @static("runs")
 def inject_errors(
-    motion: Motion, key: Key, *, runs: int = 3, length: tuple[int, int] = (5, 30)
+    motion: Motion,
+    key: Key,
+    *,
+    runs: int = 3,
+    length: tuple[int, int] = (5, 30),
+    joints: Sequence[int] | None = None,
 ) -> Corrupted:
     """Offsets, limit violations, frozen joints and spikes together, ``runs`` of each.
 
-    The magnitudes and joints are the defaults of each; spikes last a frame, whatever ``length`` is.
+    The magnitudes are the defaults of each; spikes last a frame, whatever ``length`` is.
 
-    **Arguments:** ``motion``, ``key``, ``runs``, ``length``: as :func:`offset_joints`.
+    **Arguments:** ``motion``, ``key``, ``runs``, ``length``, ``joints``: as :func:`offset_joints`.
     **Returns:** :class:`Corrupted`.
     **Raises:** ``ValueError`` as :func:`offset_joints`.
     """
-    _check_runs("inject_errors", motion, runs, length, None)
+    joints = _check_runs("inject_errors", motion, runs, length, joints)
     offsets, limits, frozen, spikes = jax.random.split(key, 4)
-    damaged = offset_joints(motion, offsets, runs=runs, length=length)
+    damaged = offset_joints(motion, offsets, runs=runs, length=length, joints=joints)
     mask = damaged.mask
     for damage in (
-        lambda m: violate_limits(m, limits, runs=runs, length=length),
-        lambda m: freeze_joints(m, frozen, runs=runs, length=length),
-        lambda m: add_spikes(m, spikes, count=runs),
+        lambda m: violate_limits(m, limits, runs=runs, length=length, joints=joints),
+        lambda m: freeze_joints(m, frozen, runs=runs, length=length, joints=joints),
+        lambda m: add_spikes(m, spikes, count=runs, joints=joints),
     ):
         damaged = damage(damaged.motion)
         mask = mask | damaged.mask
@@ -188,10 +198,12 @@ def inject_errors(
 
 
 class _Runs(NamedTuple):
-    """``cover`` bool[R, T, J]; ``start`` int[R], the first frame; ``spare`` f[R, 3] in [0, 1)."""
+    """``cover`` bool[R, T, J]; ``start``, ``stop`` int[R], the first frame and the one after the
+    last; ``spare`` f[R, 3] in [0, 1)."""
 
     cover: Array
     start: Array
+    stop: Array
     spare: Array
 
     @property
@@ -213,7 +225,7 @@ def _draw_runs(motion, key, runs, length, joints, earliest=0) -> _Runs:
     t = jnp.arange(frames)
     during = (t >= start[:, None]) & (t < stop[:, None])
     mine = jnp.arange(motion.num_joints) == joint[:, None, None]
-    return _Runs(during[..., None] & mine, start, u[3:].T)
+    return _Runs(during[..., None] & mine, start, stop, u[3:].T)
 
 
 def _pick(u, count: int):
@@ -226,14 +238,26 @@ def _scale(u, bounds):
 
 
 @compiled
-def _offset(motion, key, runs, magnitude, length, joints):
+def _offset(motion, key, runs, magnitude, length, joints, ramp):
     drawn = _draw_runs(motion, key, runs, length, joints)
     height, around = 2 * drawn.spare[:, 0] - 1, 2 * jnp.pi * drawn.spare[:, 1]
     flat = jnp.sqrt(1 - height * height)  # Archimedes: uniform on the sphere
     axis = jnp.stack([flat * jnp.cos(around), flat * jnp.sin(around), height], axis=-1)
-    turn = quaternion.exp(axis * _scale(drawn.spare[:, 2:], magnitude))
-    turned = quaternion.multiply(motion.rotations, drawn.spread(turn))
+    v = axis * _scale(drawn.spare[:, 2:], magnitude)
+    if ramp:
+        v = drawn.spread(v) * _ramped(drawn, ramp, motion)[..., None]
+        turned = quaternion.multiply(motion.rotations, quaternion.exp(v))
+    else:
+        turned = quaternion.multiply(motion.rotations, drawn.spread(quaternion.exp(v)))
     return replace_where(motion, drawn.hit, turned)
+
+
+def _ramped(drawn: _Runs, ramp: int, motion: Motion) -> Array:
+    """w of every frame and joint: 1 in the middle of runs that are longer than both ramps."""
+    t = jnp.arange(motion.num_frames)[:, None]
+    before, after = t + 1 - drawn.spread(drawn.start), drawn.spread(drawn.stop) - t
+    way = jnp.minimum(before, after).astype(motion.dtype) / (ramp + 1)
+    return 0.5 - 0.5 * jnp.cos(jnp.pi * jnp.clip(way, 0, 1))
 
 
 @compiled

@@ -100,6 +100,33 @@ def test_short_clips(walk, name, frames):
     assert not np.any(changed(motion, result.motion) & ~np.asarray(result.mask))
 
 
+def test_offsets_may_come_and_go(walk):
+    """The same runs and directions, their edges as raised cosines; no jump is left."""
+    options = {"runs": 4, "length": (20, 30), "magnitude": (0.5, 1.0)}
+    hard = samples.offset_joints(walk, KEY, **options)
+    soft = samples.offset_joints(walk, KEY, ramp=5, **options)
+    np.testing.assert_array_equal(hard.mask, soft.mask)
+    far, less = (angle_between(walk.rotations, x.motion.rotations) for x in (hard, soft))
+    mask = np.asarray(hard.mask)
+    weights = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, 6) / 6)
+    seen = 0
+    for joint in np.flatnonzero(mask.any(axis=0)):
+        frames = np.flatnonzero(mask[:, joint])
+        runs = np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1)
+        for run in (run for run in runs if 20 <= len(run) <= 30 and run[-1] < 89):
+            shape = np.ones(len(run))
+            shape[:5], shape[-5:] = weights, weights[::-1]
+            np.testing.assert_allclose(less[run, joint], shape * far[run, joint], atol=1e-9)
+            seen += 1
+    assert seen
+    assert np.abs(np.diff(less, axis=0)).max() < 0.3 < np.abs(np.diff(far, axis=0)).max()
+
+
+def test_all_kinds_stay_on_the_joints_that_are_given(walk):
+    hit = samples.inject_errors(walk, KEY, joints=[4, 7]).mask
+    assert np.flatnonzero(np.asarray(hit).any(axis=0)).tolist() == [4, 7]
+
+
 def test_a_lone_joint_can_be_hit():
     rng = np.random.default_rng(0)
     lone = random_motion(rng, 9, random_skeleton(rng, 1))
@@ -268,6 +295,8 @@ def test_bad_arguments(walk, name, options, message):
         ("flip_signs", {"rate": np.ones(2) / 2}, "flip_signs: rate has shape"),
         ("slide_root", {"amount": np.ones(2)}, "slide_root: amount has shape"),
         ("inject_errors", {"runs": 0}, "inject_errors: runs=0"),
+        ("inject_errors", {"joints": [22]}, "inject_errors: joints"),
+        ("offset_joints", {"ramp": -1}, "offset_joints: ramp=-1"),
     ],
 )
 def test_errors_name_what_was_called(walk, name, options, message):
