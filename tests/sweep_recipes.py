@@ -287,6 +287,7 @@ RECIPES = {
     "samples.dance": untraced(sample, STATIC),
     "samples.drop_frames": recipe(lambda f, c: f(c.motion, c.key)),
     "samples.flip_signs": recipe(lambda f, c: f(c.motion, c.key)),
+    "samples.fill_gaps": recipe(lambda f, c: f(c.motion, c.key, length=(1, 2))),
     "samples.freeze_joints": recipe(lambda f, c: f(c.motion, c.key, length=(1, 2))),
     "samples.idle": untraced(sample, STATIC),
     "samples.inject_errors": recipe(

@@ -35,8 +35,9 @@ FRAME_BY_FRAME = BATCHED | {
     *("metrics.penetration", "multiresolution.follow", "clips.stack", "clips.concatenate"),
     "timing.pad_to_bucket",
     *(f"samples.{name}" for name in ("add_noise", "add_spikes", "drop_frames", "flip_signs")),
-    *(f"samples.{name}" for name in ("freeze_joints", "inject_errors", "offset_joints")),
-    *(f"samples.{name}" for name in ("slide_root", "swap_limbs", "violate_limits")),
+    *(f"samples.{name}" for name in ("fill_gaps", "freeze_joints", "inject_errors")),
+    *(f"samples.{name}" for name in ("offset_joints", "slide_root", "swap_limbs")),
+    "samples.violate_limits",
 }
 TAKE_BOTH = {
     *("smoothing.tune", "smoothing.outlier_weights", "smoothing.student_stiffness"),

@@ -11,6 +11,7 @@ from jaxmotion.samples.corruptions import Corrupted, add_noise, drop_frames, fli
 from jaxmotion.samples.gaits import quadruped_trot, quadruped_walk, run, walk
 from jaxmotion.samples.joint_errors import (
     add_spikes,
+    fill_gaps,
     freeze_joints,
     inject_errors,
     offset_joints,
@@ -29,6 +30,7 @@ __all__ = [
     "clean_and_noisy",
     "dance",
     "drop_frames",
+    "fill_gaps",
     "flip_signs",
     "freeze_joints",
     "idle",

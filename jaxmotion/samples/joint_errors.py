@@ -5,7 +5,9 @@
     spike        the same in single frames
     limit        the rotation vector's part along the joint's own widest direction is pushed
                  ``excess`` beyond the widest it goes in this clip, over a run
-    freeze       a joint keeps the rotation it has as a run begins
+    freeze       a joint keeps the rotation it has as a run begins, with noise on it if asked
+    gap          a joint goes the short way, at one speed, from the frame before a run to the one
+                 after it: a gap that was filled
     swap         left and right joints exchange rotations over a run
 
 Runs are drawn with replacement: where two fall on one entry, the first drawn wins. A run that
@@ -24,11 +26,11 @@ import numpy as np
 from jaxtyping import Array
 
 from jaxmotion import quaternion
-from jaxmotion._checks import static
+from jaxmotion._checks import one_number, require, static, traced
 from jaxmotion._entry import one_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
-from jaxmotion._types import Key
+from jaxmotion._types import Key, ScalarLike
 from jaxmotion.motion import Motion
 from jaxmotion.samples.corruptions import Corrupted, replace_where
 from jaxmotion.skeleton import Skeleton
@@ -118,16 +120,44 @@ def freeze_joints(
     runs: int = 4,
     length: tuple[int, int] = (5, 30),
     joints: Sequence[int] | None = None,
+    noise: ScalarLike = 0.0,
 ) -> Corrupted:
     """Hold a joint at the rotation of a run's first frame for the frames that follow it.
 
-    **Arguments:** ``length``: frames held, the first not counted, least and greatest; ``motion``,
+    **Arguments:** ``length``: frames held, the first not counted, least and greatest; ``noise``:
+    standard deviation of a Gaussian turn on every held frame, radians about each axis; ``motion``,
     ``key``, ``runs``, ``joints``: as :func:`offset_joints`.
+    **Returns:** :class:`Corrupted`.
+    **Raises:** ``ValueError`` as :func:`offset_joints`; for a negative ``noise``, at run time if
+    traced.
+    """
+    joints = _check_runs("freeze_joints", motion, runs, length, joints)
+    sigma = one_number("freeze_joints: noise", noise)
+    motion = require(motion, ~(sigma >= 0), "freeze_joints: noise must be 0 or more", got=noise)
+    shaken = None if not traced(noise) and sigma == 0 else jnp.asarray(noise, motion.dtype)
+    return _freeze(motion, key, runs, length, joints, shaken)
+
+
+@static("runs")
+def fill_gaps(
+    motion: Motion,
+    key: Key,
+    *,
+    runs: int = 4,
+    length: tuple[int, int] = (12, 30),
+    joints: Sequence[int] | None = None,
+) -> Corrupted:
+    """Have a joint go the short way from the frame before a run to the one after it, as where what
+    a camera did not see was filled.
+
+    A run that reaches the last frame ends there, and nothing is filled in clips of two frames.
+
+    **Arguments:** ``motion``, ``key``, ``runs``, ``length``, ``joints``: as :func:`offset_joints`.
     **Returns:** :class:`Corrupted`.
     **Raises:** ``ValueError`` as :func:`offset_joints`.
     """
-    joints = _check_runs("freeze_joints", motion, runs, length, joints)
-    return _freeze(motion, key, runs, length, joints)
+    joints = _check_runs("fill_gaps", motion, runs, length, joints)
+    return _fill(motion, key, runs, length, joints)
 
 
 @static("runs")
@@ -276,12 +306,31 @@ def _violate_limits(motion, key, runs, excess, length, joints):
 
 
 @compiled
-def _freeze(motion, key, runs, length, joints):
+def _freeze(motion, key, runs, length, joints, shaken):
     drawn = _draw_runs(motion, key, runs, length, joints, earliest=1)
     frame = jnp.broadcast_to(drawn.spread(drawn.start - 1), drawn.hit.shape)
     frame = jnp.minimum(frame, motion.num_frames - 1)
     held = jnp.take_along_axis(motion.rotations, frame[..., None], axis=0)
+    if shaken is not None:
+        turn = jax.random.normal(jax.random.fold_in(key, 1), (*frame.shape, 3), motion.dtype)
+        held = quaternion.multiply(held, quaternion.exp(shaken * turn))
     return replace_where(motion, drawn.hit, held)
+
+
+@compiled
+def _fill(motion, key, runs, length, joints):
+    drawn, last = _draw_runs(motion, key, runs, length, joints, earliest=1), motion.num_frames - 1
+    t = jnp.arange(motion.num_frames)[:, None]
+    before, after = (
+        jnp.broadcast_to(jnp.clip(drawn.spread(x), 0, last), drawn.hit.shape)
+        for x in (drawn.start - 1, drawn.stop)
+    )
+    first, final = (
+        jnp.take_along_axis(motion.rotations, frame[..., None], axis=0) for frame in (before, after)
+    )
+    way = (t - before).astype(motion.dtype) / jnp.maximum(after - before, 1).astype(motion.dtype)
+    filled = quaternion.slerp(first, final, jnp.clip(way, 0, 1))
+    return replace_where(motion, drawn.hit & (t < after), filled)
 
 
 @compiled

@@ -24,6 +24,7 @@ ALL = {
     "add_spikes": {},
     "violate_limits": {},
     "freeze_joints": {},
+    "fill_gaps": {},
     "swap_limbs": {},
     "inject_errors": {},
 }
@@ -53,7 +54,7 @@ def test_only_masked_entries_change(walk, damaged, name):
     assert result.mask.any()
     touched = changed(walk, result.motion)
     assert not np.any(touched & ~np.asarray(result.mask))
-    if name not in ("freeze_joints", "drop_frames", "swap_limbs", "inject_errors"):
+    if name not in (*("freeze_joints", "fill_gaps", "drop_frames", "swap_limbs", "inject_errors"),):
         np.testing.assert_array_equal(touched, result.mask)  # others may hold what does not move
     np.testing.assert_allclose(np.linalg.norm(result.motion.rotations, axis=-1), 1, atol=1e-14)
 
@@ -90,7 +91,7 @@ def test_mapped_over_keys(walk, damaged, name):
 @pytest.mark.parametrize(
     ("name", "frames"),
     [(name, 1) for name in ALL]
-    + [(n, t) for n in ("freeze_joints", "drop_frames") for t in (2, 3)],
+    + [(n, t) for n in ("freeze_joints", "fill_gaps", "drop_frames") for t in (2, 3)],
 )
 def test_short_clips(walk, name, frames):
     motion = walk[:frames]
@@ -120,6 +121,33 @@ def test_offsets_may_come_and_go(walk):
             seen += 1
     assert seen
     assert np.abs(np.diff(less, axis=0)).max() < 0.3 < np.abs(np.diff(far, axis=0)).max()
+
+
+def test_holds_may_shake(walk):
+    """About what is held, by as much as is asked."""
+    options = {"runs": 8, "length": (20, 30)}
+    still, shaken = (
+        samples.freeze_joints(walk, KEY, noise=noise, **options) for noise in (0.0, 0.01)
+    )
+    np.testing.assert_array_equal(still.mask, shaken.mask)
+    mask = np.asarray(still.mask)
+    away = angle_between(still.motion.rotations, shaken.motion.rotations)
+    assert np.sqrt(np.mean(away[mask] ** 2) / 3) == pytest.approx(0.01, rel=0.1)
+    assert not away[~mask].any()
+
+
+def test_gaps_are_filled_the_short_way(walk):
+    """At one speed, from the frame before to the frame after; the rest is as it was."""
+    result = samples.fill_gaps(walk, KEY, runs=3, length=(12, 20), joints=[2, 5, 9])
+    mask, q = np.asarray(result.mask), np.asarray(result.motion.rotations)
+    assert mask.any()
+    for joint in np.flatnonzero(mask.any(axis=0)):
+        frames = np.flatnonzero(mask[:, joint])
+        for run in np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1):
+            whole = q[run[0] - 1 : run[-1] + 2, joint]
+            steps = angle_between(whole[:-1], whole[1:])
+            np.testing.assert_allclose(steps, steps[0], atol=1e-9)
+            np.testing.assert_allclose(steps.sum(), angle_between(whole[0], whole[-1]), atol=1e-9)
 
 
 def test_all_kinds_stay_on_the_joints_that_are_given(walk):
@@ -297,6 +325,8 @@ def test_bad_arguments(walk, name, options, message):
         ("inject_errors", {"runs": 0}, "inject_errors: runs=0"),
         ("inject_errors", {"joints": [22]}, "inject_errors: joints"),
         ("offset_joints", {"ramp": -1}, "offset_joints: ramp=-1"),
+        ("freeze_joints", {"noise": -0.1}, "freeze_joints: noise must be 0 or more"),
+        ("fill_gaps", {"runs": 0}, "fill_gaps: runs=0"),
     ],
 )
 def test_errors_name_what_was_called(walk, name, options, message):
