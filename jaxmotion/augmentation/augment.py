@@ -46,8 +46,7 @@ from jaxmotion.contacts import (
     limb_lengths,
     replant,
 )
-from jaxmotion.contacts.contact import check_kept
-from jaxmotion.contacts.detect import over_time
+from jaxmotion.contacts.contact import check_kept, over_time
 from jaxmotion.frames.count import frame_mask
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.layers import MotionLayers, decompose, synthesize

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float
 
 from jaxmotion import quaternion
 from jaxmotion._checks import known, traced
-from jaxmotion._entry import finite_clip, one_clip
+from jaxmotion._entry import finite_clip
 from jaxmotion._posture import body_of
 from jaxmotion.contacts import find_feet
 from jaxmotion.kinematics import mirrored_pairs
@@ -83,10 +83,9 @@ def one_skeleton(caller: str, motions: Motion | Sequence[Motion]) -> list[Motion
     if not clips:
         raise ValueError(f"{caller}: no clips; expected one at least")
     for k, clip in enumerate(clips):
-        one_clip(caller, clip, f"motions[{k}]", on_host=True)
+        finite_clip(caller, clip, f"motions[{k}]", on_host=True)
         if traced(clip.rotations):
             raise ValueError(f"{caller}: motions[{k}] is traced; call it outside of jit and vmap")
-        finite_clip(caller, clip, f"motions[{k}]")
         if clip.skeleton.names != clips[0].skeleton.names:
             raise ValueError(f"{caller}: motions[{k}] has other joints than the first")
     return clips

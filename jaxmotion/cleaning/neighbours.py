@@ -133,14 +133,14 @@ def nearest_words(
     if not 0 <= trim < len(chosen):
         raise ValueError(f"{caller}: trim={trim}; expected less than the {len(chosen)} joints")
     stands = upright(motion)
-    words = texture(motion, chosen, stands)
-    pool = pooled([texture(clip, chosen, stands) for clip in clips], shape, own=own)
+    textures = [texture(clip, chosen, stands) for clip in clips]
+    pool = pooled(textures, shape, own=own)
     starts = word_starts(motion.num_frames, length, stride)
-    search = partial(_search, words, pool, int(k), shape, int(trim), pairs, own)
+    search = partial(_search, textures[0], pool, int(k), shape, int(trim), pairs, own)
     found = _in_blocks(search, starts, progress)
     clip, frame, distance, warp = (
         np.concatenate([part[i] for part in found]) if found else empty
-        for i, empty in enumerate(_nothing(k, length, words.dtype))
+        for i, empty in enumerate(_nothing(k, length, motion.dtype))
     )
     tried = sum(part[4] for part in found)
     warped = tried / max(len(starts) * int(pool.fits.sum()), 1)
@@ -207,9 +207,9 @@ def _search(
         known.warp(np.broadcast_to(pool.fits, allowed.shape))
     else:
         _warp_what_may_be_near(known, allowed, k)
-    best = _least(np.where(allowed & known.minima(), known.exact, np.inf), k)
-    distance = np.take_along_axis(known.exact, best, axis=1)
-    there = np.take_along_axis(allowed & known.minima(), best, axis=1)
+    minima = allowed & known.minima()
+    best = _least(np.where(minima, known.exact, np.inf), k)
+    distance, there = (np.take_along_axis(x, best, axis=1) for x in (known.exact, minima))
     warp = known.paths(best) + pool.frame[best][..., None]
     return (
         np.where(there, pool.clip[best], -1).astype(np.int32),

@@ -273,13 +273,9 @@ def _offset(motion, key, runs, magnitude, length, joints, ramp):
     height, around = 2 * drawn.spare[:, 0] - 1, 2 * jnp.pi * drawn.spare[:, 1]
     flat = jnp.sqrt(1 - height * height)  # Archimedes: uniform on the sphere
     axis = jnp.stack([flat * jnp.cos(around), flat * jnp.sin(around), height], axis=-1)
-    v = axis * _scale(drawn.spare[:, 2:], magnitude)
-    if ramp:
-        v = drawn.spread(v) * _ramped(drawn, ramp, motion)[..., None]
-        turned = quaternion.multiply(motion.rotations, quaternion.exp(v))
-    else:
-        turned = quaternion.multiply(motion.rotations, drawn.spread(quaternion.exp(v)))
-    return replace_where(motion, drawn.hit, turned)
+    v = drawn.spread(axis * _scale(drawn.spare[:, 2:], magnitude))
+    turn = quaternion.exp(_ramped(drawn, ramp, motion)[..., None] * v)
+    return replace_where(motion, drawn.hit, quaternion.multiply(motion.rotations, turn))
 
 
 def _ramped(drawn: _Runs, ramp: int, motion: Motion) -> Array:
@@ -308,26 +304,27 @@ def _violate_limits(motion, key, runs, excess, length, joints):
 @compiled
 def _freeze(motion, key, runs, length, joints, shaken):
     drawn = _draw_runs(motion, key, runs, length, joints, earliest=1)
-    frame = jnp.broadcast_to(drawn.spread(drawn.start - 1), drawn.hit.shape)
-    frame = jnp.minimum(frame, motion.num_frames - 1)
-    held = jnp.take_along_axis(motion.rotations, frame[..., None], axis=0)
+    _, held = _of_run(motion, drawn, drawn.start - 1)
     if shaken is not None:
-        turn = jax.random.normal(jax.random.fold_in(key, 1), (*frame.shape, 3), motion.dtype)
+        shape = (*drawn.hit.shape, 3)
+        turn = jax.random.normal(jax.random.fold_in(key, 1), shape, motion.dtype)
         held = quaternion.multiply(held, quaternion.exp(shaken * turn))
     return replace_where(motion, drawn.hit, held)
 
 
+def _of_run(motion: Motion, drawn: _Runs, frames: Array) -> tuple[Array, Array]:
+    """A frame of each run, for every frame and joint, and the joint's rotation there."""
+    at = jnp.broadcast_to(drawn.spread(frames), drawn.hit.shape)
+    at = jnp.clip(at, 0, motion.num_frames - 1)
+    return at, jnp.take_along_axis(motion.rotations, at[..., None], axis=0)
+
+
 @compiled
 def _fill(motion, key, runs, length, joints):
-    drawn, last = _draw_runs(motion, key, runs, length, joints, earliest=1), motion.num_frames - 1
+    drawn = _draw_runs(motion, key, runs, length, joints, earliest=1)
     t = jnp.arange(motion.num_frames)[:, None]
-    before, after = (
-        jnp.broadcast_to(jnp.clip(drawn.spread(x), 0, last), drawn.hit.shape)
-        for x in (drawn.start - 1, drawn.stop)
-    )
-    first, final = (
-        jnp.take_along_axis(motion.rotations, frame[..., None], axis=0) for frame in (before, after)
-    )
+    before, first = _of_run(motion, drawn, drawn.start - 1)
+    after, final = _of_run(motion, drawn, drawn.stop)
     way = (t - before).astype(motion.dtype) / jnp.maximum(after - before, 1).astype(motion.dtype)
     filled = quaternion.slerp(first, final, jnp.clip(way, 0, 1))
     return replace_where(motion, drawn.hit & (t < after), filled)
