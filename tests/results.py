@@ -199,7 +199,7 @@ _MAKERS: dict[str, Callable[[], Any]] = {
     ),
     "Variations": lambda: jm.Variations(
         *(motion(), None, zeros(2), zeros(2, 1), zeros(2, FRAMES), zeros(2, JOINTS)),
-        *(zeros(2), zeros(2), zeros(), zeros(), zeros(2, dtype=bool)),
+        *(zeros(2), zeros(2), zeros(), zeros()),
     ),
     "Alignment": lambda: timing.Alignment(
         motion(), zeros(FRAMES), zeros(40, 2, dtype=np.int32), zeros(dtype=np.int32), zeros()

@@ -55,7 +55,7 @@ from jaxmotion.spacetime import JointLimits, learn_limits
 from jaxmotion.style import MotionStyle, motion_style
 from jaxmotion.style.carry import carried
 from jaxmotion.style.root import encode
-from jaxmotion.style.statistics import mixed, statistics
+from jaxmotion.style.statistics import mixed, of_one
 from jaxmotion.timing.resample import even_reading, read_motion
 
 _AT_A_TIME = 8
@@ -171,10 +171,7 @@ def _style_of(clip: Motion, stands: Array) -> MotionStyle:
     """Its manner as of a body with that side up."""
     clip = finite_clip("augment", clip, "styles", at_run_time=True)
     room = room_for(clip, stands)
-    clip, count = room.fill(clip), room.count
-    rows, _ = encode(clip, stands, count)
-    alike = np.ones(clip.num_frames, clip.dtype)
-    return statistics([clip], [rows], [alike], [count], "recursive", stands)
+    return of_one(room.fill(clip), room.count, "recursive", stands)[0]
 
 
 def _limits_of(
@@ -228,12 +225,10 @@ def _augmented(
 
     made = _in_turn(one, draws, n)
     translations, rotations, planted, frames, excess, slide, depth = made
-    most_slide, most_depth = own_slide + _SLIDE * leg, _DEPTH * leg
-    accepted = (jnp.max(excess, axis=1) <= 0) & (slide <= most_slide) & (depth <= most_depth)
     return Variations(
         motion.with_transforms(translations, rotations),
-        planted, draws.alpha, draws.shares, frames, excess, slide, depth, most_slide, most_depth,
-        accepted,
+        planted, draws.alpha, draws.shares, frames, excess, slide, depth,
+        own_slide + _SLIDE * leg, _DEPTH * leg,
     )  # fmt: skip
 
 

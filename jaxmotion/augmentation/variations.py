@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -22,7 +23,7 @@ class Variations(Portable):
     clip's own manner and of K others; ``frames``: f[n, T], the frame of the clip that each frame
     shows; ``excess``: f[n, J], radians beyond the limits; ``slide``: f[n], mean speed of planted
     points, file unit a second; ``depth``: f[n], how far the lowest joint is below the clip's, file
-    unit; ``most_slide``, ``most_depth``: f[], what is let pass; ``accepted``: bool[n].
+    unit; ``most_slide``, ``most_depth``: f[], what is let pass.
 
     **Example:**
 
@@ -43,7 +44,20 @@ class Variations(Portable):
     depth: Float[Array, " variation"]
     most_slide: Float[Array, ""]
     most_depth: Float[Array, ""]
-    accepted: Bool[Array, " variation"]
+
+    @property
+    def faults(self) -> dict[str, Bool[Array, "*batch variation"]]:
+        """Which fail each of the checks, bool[n] by its name; what is not finite fails."""
+        return {
+            "joint limits": ~(jnp.max(self.excess, axis=-1) <= 0),
+            "feet slide": ~(self.slide <= self.most_slide[..., None]),
+            "below the floor": ~(self.depth <= self.most_depth[..., None]),
+        }
+
+    @property
+    def accepted(self) -> Bool[Array, "*batch variation"]:
+        """Which fail none of them, bool[n]."""
+        return ~jnp.any(jnp.stack(list(self.faults.values())), axis=0)
 
     def __len__(self) -> int:
         return self.alpha.shape[0]

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from jaxmotion.spacetime import JointLimits
 
 _ROUNDS = 4  # of as many as are wanted, until there are enough
-_CHECKS = ("joint limits", "feet slide", "below the floor")
 
 
 @dataclass(frozen=True)
@@ -180,21 +179,15 @@ def _tried(tried: "list[Variations]") -> int:
     return sum(map(len, tried))
 
 
-def _faults(made: "Variations") -> list[Any]:
-    """Which variations fail each of the checks."""
-    import numpy as np
-
-    turned, slide, depth = (np.asarray(x) for x in (made.excess, made.slide, made.depth))
-    return [turned.max(axis=1) > 0, slide > made.most_slide, depth > made.most_depth]
-
-
 def _refusals(tried: "list[Variations]") -> str:
     """How many were refused, and for what."""
     import numpy as np
 
     refused = sum(len(made.refused()) for made in tried)
-    counts = np.sum([np.sum(_faults(made), axis=1) for made in tried], axis=0)
-    reasons = ", ".join(f"{n} {what}" for n, what in zip(counts, _CHECKS, strict=True) if n)
+    checks = {
+        check: sum(int(np.sum(made.faults[check])) for made in tried) for check in tried[0].faults
+    }
+    reasons = ", ".join(f"{n} {check}" for check, n in checks.items() if n)
     return f"refused {refused} of {_tried(tried)}: {reasons}" if refused else ""
 
 

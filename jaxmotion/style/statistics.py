@@ -41,7 +41,7 @@ from jaxmotion.io.archive import Archive, write_archive
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.linalg.symmetric import symmetric_function
 from jaxmotion.motion import Motion
-from jaxmotion.style.root import CHANNELS, encode, rounding
+from jaxmotion.style.root import CHANNELS, Start, encode, rounding
 
 Mean: TypeAlias = Literal["recursive", "karcher", "chordal"]
 MEANS = ("recursive", "karcher", "chordal")
@@ -193,6 +193,16 @@ def motion_style(
     stands = upright(clips[0], counts[0])
     rows = [encode(clip, stands, n)[0] for clip, n in zip(clips, counts, strict=True)]
     return statistics(clips, rows, of_frames, counts, mean, stands)
+
+
+def of_one(
+    clip: Motion, count: Int[Array, ""], mean: Mean, stands: Float[AnyArray, "3"]
+) -> tuple[MotionStyle, tuple[Float[Array, "time 6"], Start]]:
+    """The manner of a clip whose first ``count`` frames count, all alike, and its body, for that
+    side of it up."""
+    body = encode(clip, jnp.asarray(stands), count)
+    alike = np.ones(clip.num_frames, clip.dtype)
+    return statistics([clip], [body[0]], [alike], [count], mean, jnp.asarray(stands)), body
 
 
 @compiled

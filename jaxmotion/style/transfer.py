@@ -36,7 +36,7 @@ from jaxmotion.skeleton import Skeleton
 from jaxmotion.style.carry import carried, how_much_longer, ratio
 from jaxmotion.style.correspondence import Warp, corresponding, strides, without_room
 from jaxmotion.style.root import Start, encode
-from jaxmotion.style.statistics import MEANS, STILL, Mean, MotionStyle, mixed, statistics
+from jaxmotion.style.statistics import MEANS, STILL, Mean, MotionStyle, mixed, of_one, statistics
 from jaxmotion.timing import MotionWarp
 
 Deviation: TypeAlias = Literal["scalar", "covariance"]
@@ -218,9 +218,7 @@ def apply_style(
     style = jax.tree.map(lambda x: jnp.asarray(x, kind), style)
     room = room_for(motion, style, amount, cap)
     clip = room.fill(motion)
-    body = encode(clip, style.root_upright, room.count)
-    alike = np.ones(clip.num_frames, clip.dtype)
-    own = statistics([clip], [body[0]], [alike], [room.count], mean, style.root_upright)
+    own, body = of_one(clip, room.count, mean, style.root_upright)
     edited, _, _ = _restyled(clip, room.count, body, own, style, amount, cap, theirs, plan)
     return _planted(motion, room.cut(edited), keep_contacts, plan)
 

@@ -166,7 +166,7 @@ def test_what_is_not_finite_is_refused():
     made = plain(swaying(6), KEY, n=2)
     broken = jax.tree.map(lambda x: x.at[1].set(jnp.nan), made.excess)
     with no_shape_checks():
-        made = type(made)(**{**vars(made), "excess": broken, "accepted": jnp.array([True, False])})
+        made = type(made)(**{**vars(made), "excess": broken})
     assert made.refused() == {1: "not finite"}
 
 
