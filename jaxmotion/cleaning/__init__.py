@@ -1,7 +1,29 @@
 """Self-similarity cleaning: errors found and repaired by what the body does elsewhere."""
 
+from jaxmotion.cleaning.baselines import baseline_errors
+from jaxmotion.cleaning.detect import DetectedErrors, ErrorRun, detect_errors
+from jaxmotion.cleaning.digression import Digression, digression_map
 from jaxmotion.cleaning.groups import joint_groups
+from jaxmotion.cleaning.levels import Levels, clean_levels
 from jaxmotion.cleaning.neighbours import Neighbours, nearest_words
+from jaxmotion.cleaning.repair import Repaired, RepairedRun, repair
 from jaxmotion.cleaning.words import MotionWords, motion_words
 
-__all__ = ["MotionWords", "Neighbours", "joint_groups", "motion_words", "nearest_words"]
+__all__ = [
+    "DetectedErrors",
+    "Digression",
+    "ErrorRun",
+    "Levels",
+    "MotionWords",
+    "Neighbours",
+    "Repaired",
+    "RepairedRun",
+    "baseline_errors",
+    "clean_levels",
+    "detect_errors",
+    "digression_map",
+    "joint_groups",
+    "motion_words",
+    "nearest_words",
+    "repair",
+]

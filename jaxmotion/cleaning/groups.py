@@ -16,14 +16,13 @@ Groups, which overlap: "whole"; "lower", what hangs from the joint of the hips a
 import re
 from collections.abc import Sequence
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxmotion import quaternion
 from jaxmotion._checks import known, traced
 from jaxmotion._entry import finite_clip
 from jaxmotion._posture import body_of
+from jaxmotion.cleaning.turns import mean_rotation, vectors_between
 from jaxmotion.contacts import find_feet
 from jaxmotion.kinematics import mirrored_pairs
 from jaxmotion.motion import Motion
@@ -94,13 +93,14 @@ def one_skeleton(caller: str, motions: Motion | Sequence[Motion]) -> list[Motion
 def informative(clips: Sequence[Motion]) -> Bool[np.ndarray, " joint"]:
     """Which joints are none of still, small and copied."""
     skeleton = clips[0].skeleton
-    q = jnp.concatenate([clip.rotations for clip in clips])
-    middle = quaternion.mean(q, method="chordal")
-    turns = np.asarray(quaternion.log(quaternion.between(middle, q)), np.float64)
+    q = np.concatenate([known(clip.rotations) for clip in clips])
+    one = np.broadcast_to(np.array([1, 0, 0, 0], q.dtype), q.shape)
+    middle = np.broadcast_to(mean_rotation(q), q.shape)
+    turns = vectors_between(middle, q).astype(np.float64)
     squared = np.einsum("tja,tja->j", turns, turns)
     still = squared <= len(q) * _STILL**2
     # Copies show in the turns themselves, not in those about their means.
-    turns = np.asarray(quaternion.log(q), np.float64)
+    turns = vectors_between(one, q).astype(np.float64)
     bones = _bones(clips)
     copied = _copied(skeleton, bones, turns, ~still)
     return ~(still | _small(skeleton, bones) | _added(skeleton) | copied)

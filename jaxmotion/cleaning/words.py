@@ -9,15 +9,17 @@ Words begin at every ``stride``-th frame, and one ends with the clip. Source: Ar
 from collections.abc import Iterator, Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import one_of, static
+from jaxmotion._checks import one_of, static, traced
 from jaxmotion._entry import finite_clip
 from jaxmotion._portable import Portable
 from jaxmotion._posture import body_of, posture, upright
+from jaxmotion._room import room_for
 from jaxmotion._summary import some
 from jaxmotion._types import AnyArray, Vector3
 from jaxmotion.cleaning.groups import GROUPS, joint_groups
@@ -116,9 +118,18 @@ def texture(
 ) -> Float[Array, "time joint 4"]:
     """Rotations of the joints, the body's without its yaw; ``stands``: the axis of the body that
     points up, by default the one that does most of the time."""
-    body = body_of(motion)
-    rotations = jnp.asarray(motion.rotations)
-    if body in joints:
-        lean = posture(motion, upright(motion) if stands is None else stands)[2]
-        rotations = rotations.at[:, body].set(quaternion.exp(lean))
-    return rotations[:, np.array(joints)]
+    body, chosen = body_of(motion), np.array(joints, int)
+    if body not in joints:
+        return motion.rotations[:, chosen]
+    room = room_for(motion)
+    leans = room.cut(_lean(room.fill(motion), upright(motion) if stands is None else stands))
+    if traced(leans):
+        return jnp.asarray(motion.rotations)[:, chosen].at[:, joints.index(body)].set(leans)
+    rotations = np.array(motion.rotations[:, chosen])
+    rotations[:, joints.index(body)] = leans
+    return jax.device_put(rotations)
+
+
+@eqx.filter_jit
+def _lean(motion: Motion, stands: Vector3) -> Float[Array, "time 4"]:
+    return quaternion.exp(posture(motion, stands)[2])

@@ -10,6 +10,7 @@ from jaxmotion.metrics.contact import (
     penetration,
     slides,
 )
+from jaxmotion.metrics.detection import DetectionScores, detection_scores, pose_error
 from jaxmotion.metrics.findings import Findings, Problem
 from jaxmotion.metrics.measures import (
     Difference,
@@ -29,6 +30,7 @@ from jaxmotion.metrics.measures import (
 __all__ = [
     "KINDS",
     "ContactScores",
+    "DetectionScores",
     "Difference",
     "Findings",
     "Peak",
@@ -36,6 +38,7 @@ __all__ = [
     "bend",
     "check",
     "contact_scores",
+    "detection_scores",
     "difference",
     "duplicate_frames",
     "figure_size",
@@ -45,6 +48,7 @@ __all__ = [
     "jerk",
     "joint_position_error",
     "penetration",
+    "pose_error",
     "root_bend",
     "rotation_rates",
     "sign_flips",

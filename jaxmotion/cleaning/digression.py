@@ -1,0 +1,245 @@
+"""How far each joint is, in each frame, from what it does elsewhere in words like this one.
+
+Every group of joints (:func:`joint_groups`) is searched for by itself (:func:`nearest_words`). With
+T the texture and T̄ its mean over all neighbours of the words that cover a frame,
+
+    r = log(T̄⁻¹ T) − median over the clip,      M = ‖r‖,      the least of the groups'
+
+The median is what the joint always does otherwise than the others: another performer's posture. The
+least, as an error in one joint spoils the search of every group that holds it, and no other.
+
+    MDM = 1 − 2^(−(M/s)²)     s: the size at which it is ½, of each joint
+    MDM = 1 − exp(−(‖log(T̄⁻¹ T)‖/mean over the clip)²)     "row_mean", the paper's
+
+The paper's calls a third of a clean clip an error: its rows have mean 1, whatever is in them.
+
+Words are of frames about 1/24 s apart: every n-th of the clip's and the context's. Between them T̄
+is interpolated, so that every frame is judged. Source: Aristidou et al. 2018, §4. O(T·P·J) for P
+frames in all.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Literal, NamedTuple, TypeAlias
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from jaxmotion._checks import one_of, static
+from jaxmotion._portable import Portable
+from jaxmotion._posture import upright
+from jaxmotion._summary import some
+from jaxmotion._types import AnyArray, ArrayLike
+from jaxmotion.cleaning.elsewhere import elsewhere, mean_texture
+from jaxmotion.cleaning.groups import joint_groups, one_skeleton
+from jaxmotion.cleaning.neighbours import Neighbours, nearest_words
+from jaxmotion.cleaning.turns import between, vectors_between
+from jaxmotion.cleaning.words import texture
+from jaxmotion.motion import Motion
+
+Normalise: TypeAlias = Literal["scale", "row_mean"]
+Progress: TypeAlias = Callable[[int, int], None]
+
+WORD = 15  # frames
+TARGET = 20
+FPS = 24.0
+HALF = 0.5  # radians
+
+
+class Digression(Portable):
+    """How far a clip of T frames is from its neighbours. Joints that are in no group of joints, and
+    frames that no word with neighbours covers, digress by 0.
+
+    **Fields:** ``digression``: f[T, J], M, radians; ``mdm``: f[T, J], from 0 to 1; ``residual``:
+    f[T, J, 3], r; ``texture``: f[T, J, 4], T̄ of the group of least M; ``neighbours``:
+    :class:`Neighbours` by group, of every ``step``-th frame of the clip and of the context.
+    """
+
+    digression: Float[AnyArray, "time joint"]
+    mdm: Float[AnyArray, "time joint"]
+    residual: Float[AnyArray, "time joint 3"]
+    texture: Float[AnyArray, "time joint 4"]
+    neighbours: dict[str, Neighbours]
+    step: int = eqx.field(static=True)
+
+    def _words(self) -> Iterator[str]:
+        yield some(self.digression.shape[0], "frame")
+        yield some(self.digression.shape[1], "joint")
+        yield some(len(self.neighbours), "group")
+
+
+@static("k", "normalise")
+def digression_map(
+    motion: Motion,
+    context: Motion | Sequence[Motion] = (),
+    *,
+    k: int = 8,
+    normalise: Normalise = "scale",
+    scale: ArrayLike = HALF,
+    progress: Progress | None = None,
+) -> Digression:
+    """How far every joint is, in every frame, from what it does elsewhere in the same motion.
+
+    On the host; not differentiable, not under ``jit``.
+
+    **Arguments:** ``motion``: one clip, T frames; ``context``: clips of the same joints at any
+    rate; ``k``: how many neighbours of each word; ``normalise``: "scale" or "row_mean", of the
+    MDM, as the module says; ``scale``: s, radians, one number or f[J]; ``progress``: called with
+    how many words are done, and how many there are, of all groups.
+    **Returns:** :class:`Digression`.
+    **Raises:** ``ValueError`` for what is traced or not finite, clips of other joints, a scale that
+    is not above 0.
+
+    **Example:**
+
+        >>> import jaxmotion as jm
+        >>> walk = jm.samples.load("walk", fps=24.0, num_frames=96).motion
+        >>> found = jm.cleaning.digression_map(walk)
+        >>> bool(found.mdm.max() < 0.5)
+        True
+    """
+    caller = "digression_map"
+    one_of(f"{caller}: normalise", normalise, ("scale", "row_mean"))
+    sizes = np.asarray(scale, np.float64)
+    if sizes.shape not in ((), (motion.num_joints,)) or not (sizes > 0).all():
+        raise ValueError(f"{caller}: scale={scale}; expected radians above 0, one or one a joint")
+    setting = settled(caller, motion, context)
+    found = searched(setting, k, progress)
+    judged = digressed(setting, found, np.zeros(setting.textures[0].shape[:2], bool))
+    if normalise == "row_mean":
+        plain = np.linalg.norm(judged.plain, axis=-1)
+        middle = plain.mean(axis=0)
+        mdm = 1 - np.exp(-((plain / np.where(middle > 0, middle, 1)) ** 2))
+    else:
+        sizes = np.broadcast_to(sizes, motion.num_joints)[list(setting.joints)]
+        mdm = 1 - 2 ** -((np.linalg.norm(judged.residual, axis=-1) / sizes) ** 2)
+    return as_digression(setting, found, judged, mdm)
+
+
+class Setting(NamedTuple):
+    """A clip beside its context. ``clips``: thinned, the clip's first; ``joints``: those that tell;
+    ``own``: the clip's texture of these, f[T, J, 4], at its own rate; ``textures``: of the thinned
+    clips; ``step``: frames of the clip from one of the thinned to the next."""
+
+    motion: Motion
+    clips: list[Motion]
+    groups: dict[str, tuple[int, ...]]
+    joints: tuple[int, ...]
+    own: np.ndarray
+    textures: list[np.ndarray]
+    step: int
+
+
+def settled(caller: str, motion: Motion, context: Motion | Sequence[Motion]) -> Setting:
+    """The clip beside its context, at one rate of about 24 frames a second."""
+    others = [context] if isinstance(context, Motion) else list(context)
+    clips = one_skeleton(caller, [motion, *others])
+    step = max(1, round(float(motion.fps) / FPS))
+    rate = float(motion.fps) / step
+    thinned = [clip[:: max(1, round(float(clip.fps) / rate))] for clip in clips]
+    # What is left of a difference of rates is one of speeds, which words are compared at anyway.
+    thinned = [clip.replace(frame_time=thinned[0].frame_time) for clip in thinned]
+    groups = joint_groups(clips)
+    joints = groups.get("whole", ())
+    stands = upright(motion)
+    own, *textures = (
+        np.asarray(texture(clip, joints, stands)) if joints else np.zeros((clip.num_frames, 0, 4))
+        for clip in [motion, *thinned]
+    )
+    return Setting(motion, thinned, groups, joints, own, textures, step)
+
+
+def searched(setting: Setting, k: int, progress: Progress | None) -> dict[str, Neighbours]:
+    """The neighbours of the thinned clip's words, of every group."""
+    many = len(setting.groups)
+    found: dict[str, Neighbours] = {}
+    own, *context = setting.clips
+    for done, (name, joints) in enumerate(setting.groups.items()):
+        told = None if progress is None else _told(progress, done, many)
+        found[name] = nearest_words(
+            own, context, k=k, length=WORD, target=TARGET, joints=joints, progress=told
+        )
+    return found
+
+
+def _told(progress: Progress, before: int, many: int) -> Progress:
+    """Progress of one of several searches, as of all of them."""
+    return lambda done, words: progress(before * words + done, many * words)
+
+
+class Digressed(NamedTuple):
+    """Of the joints that tell: ``residual`` r and ``plain``, log(T̄⁻¹ T), f[T, J, 3]; ``texture``
+    T̄ f[T, J, 4]."""
+
+    residual: np.ndarray
+    plain: np.ndarray
+    texture: np.ndarray
+
+
+def digressed(
+    setting: Setting, found: dict[str, Neighbours], left_out: Bool[np.ndarray, "thinned joint"]
+) -> Digressed:
+    """The digression of every frame, without what is ``left_out`` of the thinned clip."""
+    shape = setting.own.shape
+    least = Digressed(np.full((*shape[:2], 3), np.inf), np.zeros((*shape[:2], 3)), setting.own)
+    known = np.zeros(shape[:2], bool)
+    for name, neighbours in found.items():
+        shown = elsewhere(neighbours, len(setting.textures[0]))
+        mean, there = mean_texture(shown, setting.textures, left_out)
+        mean, there = (at_every_frame(x, shape[0], setting.step) for x in (mean, there))
+        plain = vectors_between(mean, setting.own)
+        residual = plain - _medians(plain, there)
+        here = there & np.isin(setting.joints, setting.groups[name])
+        here &= np.linalg.norm(residual, axis=-1) < np.linalg.norm(least.residual, axis=-1)
+        new = Digressed(residual, plain, mean)
+        least = Digressed(
+            *(np.where(here[..., None], a, b) for a, b in zip(new, least, strict=True))
+        )
+        known |= here
+    residual = np.where(known[..., None], least.residual, 0)
+    return Digressed(residual, least.plain, least.texture)
+
+
+def _medians(plain: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Of each joint over the frames that are judged; 0 where none is."""
+    if not there.any():
+        return np.zeros(plain.shape[1:])
+    seen = np.where(there[..., None], plain, np.nan)
+    seen[:, ~there.any(axis=0)] = 0
+    return np.nanmedian(seen, axis=0)
+
+
+def at_every_frame(values: np.ndarray, frames: int, step: int) -> np.ndarray:
+    """Of every ``step``-th frame, rotations or what is known, at all of them; going on at the end
+    as before it."""
+    if step == 1 or len(values) == 1:
+        return np.repeat(values, step, axis=0)[:frames]
+    at = np.arange(frames) / step
+    before = np.minimum(at.astype(int), len(values) - 2)
+    if values.dtype == bool:
+        return values[before] & values[before + 1]
+    way = np.broadcast_to((at - before).astype(values.dtype)[:, None], (frames, values.shape[1]))
+    return between(values[before], values[before + 1], way)
+
+
+def as_digression(
+    setting: Setting, found: dict[str, Neighbours], judged: Digressed, mdm: np.ndarray
+) -> Digression:
+    """Of all joints of the skeleton."""
+    kind = setting.motion.dtype
+    joints = np.array(setting.joints, int)
+    shape = setting.motion.rotations.shape[:2]
+
+    def whole(values: np.ndarray, rest: np.ndarray):
+        rest[:, joints] = values
+        return jnp.asarray(rest, kind)
+
+    return Digression(
+        whole(np.linalg.norm(judged.residual, axis=-1), np.zeros(shape)),
+        whole(mdm, np.zeros(shape)),
+        whole(judged.residual, np.zeros((*shape, 3))),
+        whole(judged.texture, np.array(setting.motion.rotations)),
+        found,
+        setting.step,
+    )

@@ -1,0 +1,234 @@
+"""Errors repaired: joints put where the body has them elsewhere in words like this one.
+
+The mask, found or given, is grown at both ends of each run to the largest jump near by. There
+
+    q′(t) = M(t) exp(e(t)),     e from log(M⁻¹ q) of the frame before the run to the one after it
+
+M is what the neighbours show (own entries in error left out), by ``method``
+
+    median        the componentwise median of all poses shown
+    medoid        the pose shown that is nearest to all others, frame by frame
+    nearest_end   one neighbour for a run, that whose ends lie nearest to those of the run
+
+e goes linearly; at an end of the clip the other end's holds, and without either it is 0. Joints
+that tell nothing, and frames that nothing is shown of, go the short way between the run's ends. The
+body's yaw goes so too: neighbours face anywhere. With ``contacts``, limbs that were repaired bring
+planted points back to where they are held; ankles and what hangs from them keep their turns.
+
+Source: Aristidou et al. 2018, §5, whose quadratic Savitzky–Golay filter over the edges is
+``blend="savgol"``. O(T·S·J) for S poses shown.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Literal, NamedTuple, TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool
+
+from jaxmotion._checks import known, one_of, static
+from jaxmotion._portable import Portable
+from jaxmotion._types import AnyArray, ArrayLike
+from jaxmotion.cleaning.body import as_lean, from_lean
+from jaxmotion.cleaning.detect import DetectedErrors, detected
+from jaxmotion.cleaning.digression import Progress
+from jaxmotion.cleaning.jumps import jumps, runs
+from jaxmotion.cleaning.levels import Evidence, Levels
+from jaxmotion.cleaning.missing import bridged, filled
+from jaxmotion.cleaning.planted import planted_again
+from jaxmotion.cleaning.savgol import smoothed
+from jaxmotion.cleaning.shown import Method, Shown
+from jaxmotion.cleaning.turns import angles_between, turned, vectors_between
+from jaxmotion.contacts import Contacts
+from jaxmotion.motion import Motion
+
+Blend: TypeAlias = Literal["residual", "savgol"]
+
+_NEAR = 0.1  # seconds within which a run's end is at a jump
+_JUMP = 0.1  # radians
+
+
+class RepairedRun(NamedTuple):
+    """What became of a run of frames in error. ``start``, ``stop``: the first frame and the one
+    after the last; ``joints``: names; ``change``: the largest turn, radians; ``jump_before``,
+    ``jump_after``: the largest jump of these joints in the run and at its ends, radians."""
+
+    start: int
+    stop: int
+    joints: tuple[str, ...]
+    change: float
+    jump_before: float
+    jump_after: float
+
+
+class Repaired(Portable):
+    """A clip of T frames, repaired.
+
+    **Fields:** ``motion``: the clip, bit for bit as it was where ``mask`` bool[T, J] is not set;
+    ``before``: as it was given; ``errors``: :class:`DetectedErrors`, None where a mask was given.
+    """
+
+    motion: Motion
+    mask: Bool[AnyArray, "time joint"]
+    before: Motion
+    errors: DetectedErrors | None
+
+    @property
+    def runs(self) -> tuple[RepairedRun, ...]:
+        """Every run of frames in which some joint was repaired, before and after."""
+        mask, names = np.asarray(self.mask), self.motion.skeleton.names
+        old, new = (known(x.rotations) for x in (self.before, self.motion))
+        change = angles_between(old, new)
+        leaps = [np.pad(jumps(x), ((1, 1), (0, 0))) for x in (old, new)]
+        made = []
+        for start, stop in runs(mask.any(axis=1)):
+            joints = np.flatnonzero(mask[start:stop].any(axis=0))
+            largest = [float(np.nan_to_num(x[start : stop + 1, joints]).max()) for x in leaps]
+            turn = float(np.nan_to_num(change[start:stop, joints]).max())
+            made.append(RepairedRun(start, stop, tuple(names[j] for j in joints), turn, *largest))
+        return tuple(made)
+
+    def _words(self) -> Iterator[str]:
+        yield from self.motion._words()
+        yield f"{100 * float(np.mean(self.mask)):.3g} % repaired"
+
+
+@static("k", "method", "blend")
+def repair(
+    motion: Motion,
+    context: Motion | Sequence[Motion] = (),
+    *,
+    mask: ArrayLike | None = None,
+    contacts: Contacts | None = None,
+    joint_mask: ArrayLike | None = None,
+    method: Method = "median",
+    blend: Blend = "residual",
+    k: int = 8,
+    levels: Sequence[Levels] | None = None,
+    progress: Progress | None = None,
+) -> Repaired:
+    """Find errors and repair them by what the body does elsewhere.
+
+    On the host; not differentiable, not under ``jit``.
+
+    **Arguments:**
+
+    - ``motion``, ``context``, ``k``, ``levels``, ``progress``: as :func:`detect_errors`.
+    - ``mask``: bool[T, J], entries in error that are known; by default they are found. Entries that
+      are not finite are repaired either way.
+    - ``contacts``: of the clip as it should be, whose points limbs are brought back to.
+    - ``joint_mask``: bool[J], which joints may be changed; by default all.
+    - ``method``: "median", "medoid" or "nearest_end", as the module says.
+    - ``blend``: "residual", or "savgol" for the paper's filter of 9 frames over the edges, which
+      changes 4 frames beside each run as well.
+
+    **Returns:** :class:`Repaired`; the motion given, bit for bit, where nothing is in error.
+    **Raises:** ``ValueError`` as :func:`detect_errors`; for masks of other shapes, contacts of
+    another number of frames, or unknown names.
+
+    **Example:**
+
+        >>> import jax, jaxmotion as jm
+        >>> walk = jm.samples.load("walk", fps=24.0, num_frames=120).motion
+        >>> broken = jm.samples.offset_joints(walk, jax.random.key(0), runs=1).motion
+        >>> fixed = jm.cleaning.repair(broken).motion
+        >>> before, after = (jm.metrics.pose_error(walk, x).sum() for x in (broken, fixed))
+        >>> bool(after < 0.05 * before)
+        True
+    """
+    caller = "repair"
+    one_of(f"{caller}: method", method, ("median", "medoid", "nearest_end"))
+    one_of(f"{caller}: blend", blend, ("residual", "savgol"))
+    shape = np.shape(motion.rotations)[:2]
+    free = _mask(caller, "joint_mask", joint_mask, shape[1:])
+    errors, evidence = detected(
+        caller, motion, context, k, levels if mask is None else (), 2, progress
+    )
+    whole, missing = filled(caller, motion)
+    if mask is None:
+        wrong = _grown(np.asarray(errors.mask), whole)
+    else:
+        wrong = _mask(caller, "mask", mask, shape) | missing
+    wrong &= free
+    if not wrong.any():
+        return Repaired(motion, jnp.asarray(wrong), motion, errors if mask is None else None)
+    kept, wrong = _put_back(whole, wrong, evidence, method, blend)
+    kept = as_given(motion, kept, missing & ~wrong)
+    if contacts is not None:
+        kept, wrong = planted_again(kept, contacts, wrong, free)
+    return Repaired(kept, jnp.asarray(wrong), motion, errors if mask is None else None)
+
+
+def as_given(given: Motion, made: Motion, still_missing: np.ndarray) -> Motion:
+    """The motion made, but what is missing and may not be changed missing."""
+    if not still_missing.any():
+        return made
+    gone = still_missing[..., None]
+    pairs = zip(
+        (given.translations, given.rotations), (made.translations, made.rotations), strict=True
+    )
+    return made.with_transforms(*(jnp.where(gone, a, b) for a, b in pairs))
+
+
+def _mask(caller: str, name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
+    if values is None:
+        return np.ones(shape, bool)
+    if np.shape(values) != shape:
+        raise ValueError(f"{caller}: {name} has shape {np.shape(values)}; expected {shape}")
+    return np.array(values, bool)
+
+
+def _grown(mask: np.ndarray, motion: Motion) -> np.ndarray:
+    """The mask, the ends of its runs moved out to the largest jump near by, or by a frame."""
+    leap = np.pad(jumps(known(motion.rotations)), ((1, 1), (0, 0)))  # into each frame
+    near = max(1, round(_NEAR * float(motion.fps)))
+    grown = mask.copy()
+    for joint in np.flatnonzero(mask.any(axis=0)):
+        into = leap[:, joint]
+        for start, stop in runs(mask[:, joint]):
+            before = into[max(start - near, 0) : start + near + 1]
+            first = max(start - near, 0) + int(before.argmax())
+            after = into[max(stop - near, 0) : stop + near + 1]
+            last = max(stop - near, 0) + int(after.argmax())
+            first = first if before.max() > _JUMP else start - 1
+            last = last if after.max() > _JUMP else stop + 1
+            grown[max(min(first, start), 0) : max(last, stop), joint] = True
+    return grown
+
+
+def _put_back(
+    motion: Motion, wrong: np.ndarray, evidence: Evidence, method: Method, blend: Blend
+) -> tuple[Motion, np.ndarray]:
+    """The motion with what is wrong replaced, and what was replaced."""
+    leans = as_lean(motion)
+    made = bridged(leans, ~wrong)
+    shown = Shown(evidence, wrong, leans, method)
+    for joint in np.flatnonzero(wrong.any(axis=0)):
+        for start, stop in runs(wrong[:, joint]):
+            poses = shown.over(joint, start, stop)
+            if poses is None:
+                continue
+            here = slice(start, stop)
+            if blend == "residual":
+                made[here, joint] = _met(poses, leans[:, joint], start, stop)
+            else:
+                made[here, joint] = poses[start > 0 :][: stop - start]
+    if blend == "savgol":
+        made, wrong = smoothed(made, wrong)
+    rotations = from_lean(motion, made, wrong)
+    kept = np.where(wrong[..., None], rotations, known(motion.rotations))
+    return motion.with_transforms(rotations=jax.device_put(kept)), wrong
+
+
+def _met(poses: np.ndarray, q: np.ndarray, start: int, stop: int) -> np.ndarray:
+    """``poses``, of a run and the frames on both sides that there are, turned to meet q there."""
+    first, last = max(start - 1, 0), min(stop, len(q) - 1)
+    ends = vectors_between(poses[[0, -1]], q[[first, last]])
+    before, after = start > 0, stop < len(q)
+    if not (before or after):
+        return poses
+    way = np.arange(1, stop - start + 1) / (stop - start + 1)
+    way = (way if before else np.ones_like(way)) if after else np.zeros_like(way)
+    bend = ends[0] + way[:, None].astype(q.dtype) * (ends[1] - ends[0])
+    return turned(poses[int(before) :][: stop - start], bend)
