@@ -18,7 +18,7 @@ sample, but nothing is set by the clip. Errors of each clip, on all joints but t
     fill     4 gaps of 12 to 30 frames filled the short way
     noisy    4 holds of 12 to 30 frames with 0.003 rad of noise
 
-A word of 15 frames is found when any joint in it is. Recall is by the largest change in the word, in
+A word of 15 frames is found when any joint in it is. Recall is by the largest change in the word,
 radians; precision is at a prevalence of 12 % of the words, false alarms being of all words without
 error, in clean and in damaged clips; 5 and 95 % of 400 bootstraps over clips. Repairs are scored by
 the mean angle in the joint-frames in error, the largest, and Eq. 2 of Aristidou et al. 2018.
@@ -35,11 +35,12 @@ import jaxmotion as jm
 from jaxmotion.cleaning.missing import bridged
 from jaxmotion.cleaning.words import texture, word_starts
 
-CHOSEN = "active angry childish chimpira feminine happy".split()
-HELD = "masculinity normal old proud sad tired".split()
+CHOSEN = ["active", "angry", "childish", "chimpira", "feminine", "happy"]
+HELD = ["masculinity", "normal", "old", "proud", "sad", "tired"]
 ACTIONS = "walk", "run", "walk-left", "walk-right"
 LEAST = 60  # frames
 SIZES = ((0.1, 0.3), (0.3, 0.5), (0.5, 9.0))
+TITLES = "mean", "max", "Eq.2 mean", "Eq.2 max", "else"
 SOFT = "ramp", "small", "fill", "noisy"
 
 
@@ -67,7 +68,8 @@ def most_alike(clips, name, joints):
 def damaged(motion, kind, key):
     joints = range(2, motion.num_joints)
     if kind == "clean":
-        return jm.samples.Corrupted(motion, jnp.zeros(motion.rotations.shape[:2], bool))
+        none = jnp.zeros(motion.rotations.shape[:2])
+        return jm.samples.Corrupted(motion, none > 0, none)
     if kind == "hard":
         return jm.samples.inject_errors(motion, key, runs=1, joints=joints)
     if kind == "ramp":
@@ -201,7 +203,7 @@ def main():
             if kind == "hard":
                 for method, values in repairs(clip, case, context, usual):
                     fixed.setdefault(method, []).append(values)
-    titles = "hard≥.1 hard≥.3 soft.3-.5 soft≥.5 precision alarms".split()
+    titles = ["hard≥.1", "hard≥.3", "soft.3-.5", "soft≥.5", "precision", "alarms"]
     print(f"{'':24s}" + "".join(f"{x:>11s}" for x in titles))
     rng = np.random.default_rng(0)
     for method, found in rows.items():
@@ -210,7 +212,9 @@ def main():
             for share, line in zip(("5 %", "95 %"), bootstrapped(found, rng), strict=True):
                 print(f"{share:>24s}" + "".join(f"{x:11.3f}" for x in line))
             print("    by kind, .1-.3 .3-.5 ≥.5:", np.round(summed(found)[6:], 2))
-    print(f"\n{'':24s}" + "".join(f"{x:>11s}" for x in "mean max Eq.2mean Eq.2max else".split()))
+    print(
+        f"\n{'':24s}" + "".join(f"{x:>11s}" for x in TITLES)
+    )
     for method, values in fixed.items():
         print(f"{method:24s}" + "".join(f"{x:11.4f}" for x in np.mean(values, axis=0)))
 

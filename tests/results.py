@@ -156,7 +156,9 @@ _MAKERS: dict[str, Callable[[], Any]] = {
         FEET[:2],
         zeros(),
     ),
-    "Corrupted": lambda: samples.Corrupted(motion(), zeros(FRAMES, JOINTS, dtype=bool)),
+    "Corrupted": lambda: samples.Corrupted(
+        motion(), zeros(FRAMES, JOINTS, dtype=bool), zeros(FRAMES, JOINTS)
+    ),
     "MotionLayers": lambda: jm.MotionLayers(
         motion(), moved(), moved(), zeros(), zeros(), zeros(dtype=bool), None
     ),

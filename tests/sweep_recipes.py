@@ -288,6 +288,8 @@ RECIPES = {
     "samples.drop_frames": recipe(lambda f, c: f(c.motion, c.key)),
     "samples.flip_signs": recipe(lambda f, c: f(c.motion, c.key)),
     "samples.fill_gaps": recipe(lambda f, c: f(c.motion, c.key, length=(1, 2))),
+    "samples.drift_joints": recipe(lambda f, c: f(c.motion, c.key, length=(1, 2))),
+    "samples.swap_markers": recipe(lambda f, c: f(c.motion, c.key, length=(1, 2))),
     "samples.freeze_joints": recipe(lambda f, c: f(c.motion, c.key, length=(1, 2))),
     "samples.idle": untraced(sample, STATIC),
     "samples.inject_errors": recipe(

@@ -37,7 +37,7 @@ FRAME_BY_FRAME = BATCHED | {
     *(f"samples.{name}" for name in ("add_noise", "add_spikes", "drop_frames", "flip_signs")),
     *(f"samples.{name}" for name in ("fill_gaps", "freeze_joints", "inject_errors")),
     *(f"samples.{name}" for name in ("offset_joints", "slide_root", "swap_limbs")),
-    "samples.violate_limits",
+    *(f"samples.{name}" for name in ("drift_joints", "swap_markers", "violate_limits")),
 }
 TAKE_BOTH = {
     *("smoothing.tune", "smoothing.outlier_weights", "smoothing.student_stiffness"),
@@ -197,7 +197,10 @@ def test_how_to_come_by_a_motion_is_told():
         (motion.rotations, r"\(jaxmotion.Motion\(skeleton, translations, rotations, frame_time\)"),
         ([motion], r"a list; .* \(one of them, or jaxmotion.stack makes a batch"),
         (None, "is None; expected a jaxmotion.Motion"),
-        (jm.samples.Corrupted(motion, jnp.ones((9, 7), bool)), r"a Corrupted; .*\(its .motion\)"),
+        (
+            jm.samples.Corrupted(motion, jnp.ones((9, 7), bool), jnp.ones((9, 7))),
+            r"a Corrupted; .*\(its .motion\)",
+        ),
     ]
     for wrong, message in hints:
         with no_shape_checks(), pytest.raises(ValueError, match=message):

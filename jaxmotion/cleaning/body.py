@@ -25,9 +25,11 @@ def from_lean(
     motion: Motion,
     leans: Float[np.ndarray, "time joint 4"],
     wrong: Bool[np.ndarray, "time joint"],
+    *,
+    yaw_holds: bool = False,
 ) -> Float[np.ndarray, "time joint 4"]:
-    """Local rotations again. The body's yaw is the motion's; where its rotation is wrong, the short
-    way between the frames beside."""
+    """Local rotations again. The body's yaw is the motion's; where its rotation is wrong, unless
+    the yaw holds all the same, the short way between the frames beside."""
     body = body_of(motion)
     rotations = leans.copy()
     if not wrong[:, body].any():
@@ -36,7 +38,8 @@ def from_lean(
     stands, room = upright(motion), room_for(motion)
     whole = room.fill(motion)
     yaw = np.asarray(room.cut(_yaw(whole, stands)))
-    yaw = bridged(yaw[:, None], ~wrong[:, body : body + 1])[:, 0]
+    if not yaw_holds:
+        yaw = bridged(yaw[:, None], ~wrong[:, body : body + 1])[:, 0]
     back = _back(whole, room.fill(yaw), room.fill(leans[:, body]), stands)
     rotations[:, body] = np.asarray(room.cut(back))
     return rotations

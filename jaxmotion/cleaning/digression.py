@@ -33,7 +33,7 @@ from jaxmotion._summary import some
 from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.cleaning.elsewhere import elsewhere, mean_texture
 from jaxmotion.cleaning.groups import joint_groups, one_skeleton
-from jaxmotion.cleaning.neighbours import Neighbours, nearest_words
+from jaxmotion.cleaning.neighbours import Metric, Neighbours, nearest_words
 from jaxmotion.cleaning.turns import between, vectors_between
 from jaxmotion.cleaning.words import texture
 from jaxmotion.motion import Motion
@@ -69,7 +69,7 @@ class Digression(Portable):
         yield some(len(self.neighbours), "group")
 
 
-@static("k", "normalise")
+@static("k", "normalise", "metric")
 def digression_map(
     motion: Motion,
     context: Motion | Sequence[Motion] = (),
@@ -77,6 +77,7 @@ def digression_map(
     k: int = 8,
     normalise: Normalise = "scale",
     scale: ArrayLike = HALF,
+    metric: Metric = "pose",
     progress: Progress | None = None,
 ) -> Digression:
     """How far every joint is, in every frame, from what it does elsewhere in the same motion.
@@ -85,8 +86,9 @@ def digression_map(
 
     **Arguments:** ``motion``: one clip, T frames; ``context``: clips of the same joints at any
     rate; ``k``: how many neighbours of each word; ``normalise``: "scale" or "row_mean", of the
-    MDM, as the module says; ``scale``: s, radians, one number or f[J]; ``progress``: called with
-    how many words are done, and how many there are, of all groups.
+    MDM, as the module says; ``scale``: s, radians, one number or f[J]; ``metric``: what words are
+    compared by, as :func:`nearest_words`; ``progress``: called with how many words are done, and
+    how many there are, of all groups.
     **Returns:** :class:`Digression`.
     **Raises:** ``ValueError`` for what is traced or not finite, clips of other joints, a scale that
     is not above 0.
@@ -105,7 +107,7 @@ def digression_map(
     if sizes.shape not in ((), (motion.num_joints,)) or not (sizes > 0).all():
         raise ValueError(f"{caller}: scale={scale}; expected radians above 0, one or one a joint")
     setting = settled(caller, motion, context)
-    found = searched(setting, k, progress)
+    found = searched(setting, k, progress, metric)
     judged = digressed(setting, found, np.zeros(setting.textures[0].shape[:2], bool))
     if normalise == "row_mean":
         plain = np.linalg.norm(judged.plain, axis=-1)
@@ -135,22 +137,30 @@ def settled(caller: str, motion: Motion, context: Motion | Sequence[Motion]) -> 
     """The clip beside its context, at one rate of about 24 frames a second."""
     others = [context] if isinstance(context, Motion) else list(context)
     clips = one_skeleton(caller, [motion, *others])
-    step = max(1, round(float(motion.fps) / FPS))
-    rate = float(motion.fps) / step
-    thinned = [clip[:: max(1, round(float(clip.fps) / rate))] for clip in clips]
-    # What is left of a difference of rates is one of speeds, which words are compared at anyway.
-    thinned = [clip.replace(frame_time=thinned[0].frame_time) for clip in thinned]
+    step, thin = thinned(clips)
     groups = joint_groups(clips)
     joints = groups.get("whole", ())
     stands = upright(motion)
     own, *textures = (
         np.asarray(texture(clip, joints, stands)) if joints else np.zeros((clip.num_frames, 0, 4))
-        for clip in [motion, *thinned]
+        for clip in [motion, *thin]
     )
-    return Setting(motion, thinned, groups, joints, own, textures, step)
+    return Setting(motion, thin, groups, joints, own, textures, step)
 
 
-def searched(setting: Setting, k: int, progress: Progress | None) -> dict[str, Neighbours]:
+def thinned(clips: Sequence[Motion]) -> tuple[int, list[Motion]]:
+    """The clips at one rate of about 24 frames a second, and every how many-th frame of the first
+    that takes. What is left of a difference of rates is one of speeds, which words are warped over
+    anyway."""
+    step = max(1, round(float(clips[0].fps) / FPS))
+    rate = float(clips[0].fps) / step
+    thin = [clip[:: max(1, round(float(clip.fps) / rate))] for clip in clips]
+    return step, [clip.replace(frame_time=thin[0].frame_time) for clip in thin]
+
+
+def searched(
+    setting: Setting, k: int, progress: Progress | None, metric: Metric = "pose"
+) -> dict[str, Neighbours]:
     """The neighbours of the thinned clip's words, of every group."""
     many = len(setting.groups)
     found: dict[str, Neighbours] = {}
@@ -158,7 +168,14 @@ def searched(setting: Setting, k: int, progress: Progress | None) -> dict[str, N
     for done, (name, joints) in enumerate(setting.groups.items()):
         told = None if progress is None else _told(progress, done, many)
         found[name] = nearest_words(
-            own, context, k=k, length=WORD, target=TARGET, joints=joints, progress=told
+            own,
+            context,
+            k=k,
+            length=WORD,
+            target=TARGET,
+            joints=joints,
+            metric=metric,
+            progress=told,
         )
     return found
 

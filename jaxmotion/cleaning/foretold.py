@@ -41,13 +41,13 @@ def foretold_residual(
     width = joints * 3 * len(_LAGS)
     gram, moment = np.zeros((width, width)), np.zeros((width, joints * 3))
     for x in others:
-        features = _features(x, np.arange(len(x)), 1)
+        features = about(x, np.arange(len(x)), 1)
         gram += features.T @ features
         moment += features.T @ x.reshape(len(x), -1)
     known = float(sum(len(x) for x in others))
-    features = _features(own, rows, step)
+    features = about(own, rows, step)
     counts = _OWN * ~left_out[rows]
-    every = _features(own, np.arange(frames), step)
+    every = about(own, np.arange(frames), step)
     residual = np.empty_like(own)
     for joint in range(joints):
         others_only = np.tile(np.repeat(np.arange(joints) != joint, 3), len(_LAGS))
@@ -70,8 +70,8 @@ def _vectors(rotations: np.ndarray) -> np.ndarray:
     return turns - np.median(turns, axis=0)
 
 
-def _features(x: np.ndarray, frames: np.ndarray, step: int) -> np.ndarray:
-    """All joints' x about each frame, f[n, 3·J·lags]."""
+def about(x: np.ndarray, frames: np.ndarray, step: int) -> np.ndarray:
+    """All joints' x at five frames about each, f[n, 5·J·3]."""
     at = frames[:, None] + step * np.array(_LAGS)
     return x[np.clip(at, 0, len(x) - 1)].reshape(len(frames), -1)
 

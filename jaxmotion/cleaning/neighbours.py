@@ -36,10 +36,11 @@ from jaxmotion._types import AnyArray
 from jaxmotion.cleaning.bound import WordShape
 from jaxmotion.cleaning.groups import one_skeleton
 from jaxmotion.cleaning.pairs import Pairs, Pool, frame_distances, pooled
-from jaxmotion.cleaning.words import check_sizes, chosen_joints, texture, word_starts
+from jaxmotion.cleaning.words import check_sizes, chosen_joints, points, texture, word_starts
 from jaxmotion.motion import Motion
 
 Tried: TypeAlias = Literal["bounded", "all"]
+Metric: TypeAlias = Literal["pose", "points"]
 Progress: TypeAlias = Callable[[int, int], None]
 
 _RUN = 3  # of "slope3"
@@ -73,7 +74,7 @@ class Neighbours(Portable):
         yield f"{100 * self.warped:.3g} % of pairs warped"
 
 
-@static("k", "length", "stride", "target", "joints", "trim", "own", "pairs")
+@static("k", "length", "stride", "target", "joints", "trim", "own", "pairs", "metric")
 def nearest_words(
     motion: Motion,
     context: Motion | Sequence[Motion] = (),
@@ -86,6 +87,7 @@ def nearest_words(
     trim: int | None = None,
     own: bool = True,
     pairs: Tried = "bounded",
+    metric: Metric = "pose",
     progress: Progress | None = None,
 ) -> Neighbours:
     """The nearest words of every word of a clip, in the clip itself and in others. Exact.
@@ -105,6 +107,9 @@ def nearest_words(
       of eight joints (3 of 24).
     - ``own``: whether the clip itself is searched as well.
     - ``pairs``: "all" warps every pair, for tests.
+    - ``metric``: "pose" compares rotations; "points" joints' positions and velocities (a tenth of a
+      second of them), as seen from the body's place on the ground and its yaw, D in squared file
+      units and nothing trimmed by default: the distance of Chai & Hodgins 2005.
     - ``progress``: called with how many words are done, and how many there are.
 
     **Returns:** :class:`Neighbours`; no words of a clip of fewer than N frames.
@@ -129,11 +134,13 @@ def nearest_words(
     if not (isinstance(k, (int, np.integer)) and k >= 1 and target >= length):
         raise ValueError(f"{caller}: k={k}, target={target}; expected 1 and {length} at least")
     chosen = chosen_joints(caller, motion, joints)
-    trim = len(chosen) // _TRIMMED if trim is None else trim
+    one_of(f"{caller}: metric", metric, ("pose", "points"))
+    trim = (len(chosen) // _TRIMMED if metric == "pose" else 0) if trim is None else trim
     if not 0 <= trim < len(chosen):
         raise ValueError(f"{caller}: trim={trim}; expected less than the {len(chosen)} joints")
     stands = upright(motion)
-    textures = [texture(clip, chosen, stands) for clip in clips]
+    seen = texture if metric == "pose" else points
+    textures = [seen(clip, chosen, stands) for clip in clips]
     pool = pooled(textures, shape, own=own)
     starts = word_starts(motion.num_frames, length, stride)
     search = partial(_search, textures[0], pool, int(k), shape, int(trim), pairs, own)
@@ -198,7 +205,7 @@ def _search(
     warped."""
     filled = np.append(starts, np.repeat(starts[-1:], _WORDS - len(starts)))
     rows = filled[0] + np.arange(_rows(filled, shape))
-    d = frame_distances(words[np.minimum(rows, len(words) - 1)], pool.rotations, trim)
+    d = frame_distances(words[np.minimum(rows, len(words) - 1)], pool.poses, trim)
     places = filled - filled[0]
     known = Pairs(d, places, shape, len(starts), pool)
     apart = np.abs(2 * (pool.frame - starts[:, None]) + shape.target - shape.length)

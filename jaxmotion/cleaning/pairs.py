@@ -18,26 +18,26 @@ _LANES = 1024  # pairs that are warped at once
 
 
 class Pool(NamedTuple):
-    """All clips end to end: ``rotations`` f[P, J, 4], padded; of every target that begins at a
-    frame ``clip`` i32[P] and ``frame`` i32[P] in it, and whether it fits into the clip."""
+    """All clips end to end: ``poses`` f[P, J, 4], or f[P, J, 6] of points, padded; of every target
+    that begins at a frame ``clip`` i32[P] and ``frame`` i32[P] in it, and whether it fits."""
 
-    rotations: Array
+    poses: Array
     clip: np.ndarray
     frame: np.ndarray
     fits: np.ndarray
 
 
 def pooled(textures: Sequence[Array], shape: WordShape, *, own: bool) -> Pool:
-    """The pool of the clips' textures f[T, J, 4], of which the first is the words' ``own``."""
+    """The pool of the clips' textures f[T, J, …], of which the first is the words' ``own``."""
     frames = np.concatenate([np.arange(len(x)) for x in textures])
     clip = np.repeat(np.arange(len(textures)), [len(x) for x in textures])
     ends = np.repeat([len(x) for x in textures], [len(x) for x in textures])
     fits = (frames + shape.target <= ends) & ((clip > 0) | own)
     fill = program_size(len(frames)) - len(frames)
-    rotations = np.concatenate([np.asarray(x) for x in textures])
-    rotations = np.pad(rotations, ((0, fill), (0, 0), (0, 0)), mode="edge")
+    poses = np.concatenate([np.asarray(x) for x in textures])
+    poses = np.pad(poses, ((0, fill), (0, 0), (0, 0)), mode="edge")
     clip, frames, fits = (np.pad(x, (0, fill)) for x in (clip, frames, fits))
-    return Pool(jax.device_put(rotations), clip, frames, fits)
+    return Pool(jax.device_put(poses), clip, frames, fits)
 
 
 class Pairs:
@@ -93,8 +93,15 @@ class Pairs:
 
 @partial(jax.jit, static_argnames="trim")
 def frame_distances(words: Array, pool: Array, trim: int) -> Float[Array, "row target"]:
-    """Trimmed pose distances, of frames of words from all frames of the pool."""
-    return pose_distance(words, pool, trim=trim)
+    """Trimmed distances, of frames of words from all frames of the pool: of poses, or of points."""
+    if words.shape[-1] == 4:
+        return pose_distance(words, pool, trim=trim)
+
+    def of_frame(points: Array) -> Float[Array, " target"]:
+        terms = jnp.sum((pool - points) ** 2, axis=-1)
+        return jnp.sum(terms, axis=-1) - jnp.sum(lax.top_k(terms, trim)[0], axis=-1)
+
+    return lax.map(of_frame, words)
 
 
 _bounds = jax.jit(least_distances, static_argnums=2)

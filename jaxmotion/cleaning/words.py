@@ -18,12 +18,15 @@ from jaxmotion import quaternion
 from jaxmotion._checks import one_of, static, traced
 from jaxmotion._entry import finite_clip
 from jaxmotion._portable import Portable
-from jaxmotion._posture import body_of, posture, upright
+from jaxmotion._posture import axes_of, body_of, posture, upright
 from jaxmotion._room import room_for
 from jaxmotion._summary import some
 from jaxmotion._types import AnyArray, Vector3
 from jaxmotion.cleaning.groups import GROUPS, joint_groups
+from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
+
+_PACE = 0.1  # seconds, for which velocities count
 
 
 class MotionWords(Portable):
@@ -133,3 +136,25 @@ def texture(
 @eqx.filter_jit
 def _lean(motion: Motion, stands: Vector3) -> Float[Array, "time 4"]:
     return quaternion.exp(posture(motion, stands)[2])
+
+
+def points(
+    motion: Motion, joints: tuple[int, ...], stands: Vector3
+) -> Float[np.ndarray, "time joint 6"]:
+    """Positions of the joints as seen from the body's place on the ground and its yaw, and their
+    velocities times 0.1 s, in the file's unit."""
+    room = room_for(motion)
+    seen = room.cut(_seen(room.fill(motion), stands, np.array(joints, int)))
+    return np.asarray(seen)
+
+
+@eqx.filter_jit
+def _seen(motion: Motion, stands: Vector3, joints: np.ndarray) -> Float[Array, "time joint 6"]:
+    position, yaw, _ = posture(motion, stands)
+    flat = 1 - jnp.asarray(axes_of(motion).up, motion.dtype)
+    where = forward_kinematics(motion).positions[:, joints]
+    away = where - (position * flat)[:, None]
+    moved = jnp.diff(where, axis=0) * (_PACE / motion.frame_time)
+    moved = jnp.concatenate([moved[:1], moved]) if len(moved) else jnp.zeros_like(away)
+    back = quaternion.conjugate(yaw)[:, None]
+    return jnp.concatenate([quaternion.rotate(back, x) for x in (away, moved)], axis=-1)

@@ -6,6 +6,7 @@ The corruptions damage any motion and tell which entries they touched.
 """
 
 from jaxmotion.samples.actions import dance, idle, jump, kick
+from jaxmotion.samples.capture_errors import drift_joints, swap_markers
 from jaxmotion.samples.catalogue import clean_and_noisy, load, names
 from jaxmotion.samples.corruptions import Corrupted, add_noise, drop_frames, flip_signs, slide_root
 from jaxmotion.samples.gaits import quadruped_trot, quadruped_walk, run, walk
@@ -29,6 +30,7 @@ __all__ = [
     "biped",
     "clean_and_noisy",
     "dance",
+    "drift_joints",
     "drop_frames",
     "fill_gaps",
     "flip_signs",
@@ -46,6 +48,7 @@ __all__ = [
     "run",
     "slide_root",
     "swap_limbs",
+    "swap_markers",
     "violate_limits",
     "walk",
 ]

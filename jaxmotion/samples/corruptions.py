@@ -16,12 +16,13 @@ from collections.abc import Iterator
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
 from jaxmotion._checks import one_number, require
 from jaxmotion._entry import one_clip
 from jaxmotion._file_facts import compiled
+from jaxmotion._numerics import safe_norm
 from jaxmotion._portable import Portable
 from jaxmotion._types import Key, ScalarLike
 from jaxmotion.motion import Motion
@@ -31,11 +32,19 @@ class Corrupted(Portable):
     """A damaged clip and what was damaged.
 
     **Fields:** ``motion``: the damaged clip, T frames; ``mask``: bool[T, J], True where it was
-    touched; all else is bit-identical.
+    touched; all else is bit-identical; ``change``: f[T, J], radians by which rotations were turned,
+    0 also where it happens to change nothing.
     """
 
     motion: Motion
     mask: Bool[Array, "time joint"]
+    change: Float[Array, "time joint"]
+
+    @classmethod
+    def of(cls, before: Motion, after: Motion, mask: Bool[Array, "time joint"]) -> "Corrupted":
+        """The damaged clip with how far it is from what it was."""
+        turned = quaternion.log(quaternion.between(before.rotations, after.rotations))
+        return cls(after, mask, jnp.where(mask, safe_norm(turned), 0))
 
     def _words(self) -> Iterator[str]:
         return self.motion._words()
@@ -113,7 +122,8 @@ def _add_noise(motion, key, rotation, translation):
     turned = jnp.broadcast_to(rotation != 0, q.shape[:-1])
     moved = jnp.zeros(motion.num_joints, bool).at[np.array(motion.translated_joints, int)].set(True)
     moved = jnp.broadcast_to(moved & (translation != 0), q.shape[:-1])
-    return Corrupted(
+    return Corrupted.of(
+        motion,
         motion.with_transforms(
             jnp.where(moved[..., None], p + translation * shift, p),
             jnp.where(
@@ -130,9 +140,8 @@ def _drop(motion, key, rate):
     lost = (jax.random.uniform(key, frames.shape, motion.dtype) < rate) & (frames > 0)
     kept = jax.lax.cummax(jnp.where(lost, 0, frames))
     mask = jnp.broadcast_to(lost[:, None], motion.rotations.shape[:2])
-    return Corrupted(
-        motion.with_transforms(motion.translations[kept], motion.rotations[kept]), mask
-    )
+    lost_to = motion.with_transforms(motion.translations[kept], motion.rotations[kept])
+    return Corrupted.of(motion, lost_to, mask)
 
 
 @compiled
@@ -153,7 +162,7 @@ def _slide(motion, key, amount):
     drift = drift.at[:, second].set(sin * forward + cos * across)
     moved = motion.translations.at[:, 0].add(drift)
     mask = jnp.zeros(motion.rotations.shape[:2], bool).at[:, 0].set(size > 0)
-    return Corrupted(motion.with_transforms(moved), mask)
+    return Corrupted.of(motion, motion.with_transforms(moved), mask)
 
 
 @compiled
@@ -165,7 +174,7 @@ def _flip(motion, key, rate):
 def replace_where(motion, mask, rotations) -> Corrupted:
     """The clip with ``rotations`` where the mask is set, and untouched elsewhere."""
     kept = jnp.where(mask[..., None], rotations, motion.rotations)
-    return Corrupted(motion.with_transforms(rotations=kept), mask)
+    return Corrupted.of(motion, motion.with_transforms(rotations=kept), mask)
 
 
 def not_negative(who: str, motion: Motion, **amounts: ScalarLike) -> Motion:

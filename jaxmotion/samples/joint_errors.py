@@ -18,7 +18,6 @@ The set is the one Aristidou et al. 2018, §5, describe in words; the magnitudes
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +32,14 @@ from jaxmotion._numerics import safe_norm
 from jaxmotion._types import Key, ScalarLike
 from jaxmotion.motion import Motion
 from jaxmotion.samples.corruptions import Corrupted, replace_where
+from jaxmotion.samples.error_runs import (
+    Runs,
+    check_range,
+    check_runs,
+    draw_runs,
+    scaled,
+    unit_vectors,
+)
 from jaxmotion.skeleton import Skeleton
 
 
@@ -59,8 +66,8 @@ def offset_joints(
     order, negative angles, runs of less than a frame, no joints, joints that the skeleton does not
     have, or a negative ramp.
     """
-    joints = _check_runs("offset_joints", motion, runs, length, joints)
-    _check_range("offset_joints", "magnitude", magnitude)
+    joints = check_runs("offset_joints", motion, runs, length, joints)
+    check_range("offset_joints", "magnitude", magnitude)
     if not isinstance(ramp, (int, np.integer)) or ramp < 0:
         raise ValueError(f"offset_joints: ramp={ramp!r}; expected a number of frames, 0 or more")
     return _offset(motion, key, runs, magnitude, length, joints, int(ramp))
@@ -82,8 +89,8 @@ def add_spikes(
     **Returns:** :class:`Corrupted`.
     **Raises:** ``ValueError`` as :func:`offset_joints`.
     """
-    joints = _check_runs("add_spikes", motion, count, (1, 1), joints, name="count")
-    _check_range("add_spikes", "magnitude", magnitude)
+    joints = check_runs("add_spikes", motion, count, (1, 1), joints, name="count")
+    check_range("add_spikes", "magnitude", magnitude)
     return _offset(motion, key, count, magnitude, (1, 1), joints, 0)
 
 
@@ -107,8 +114,8 @@ def violate_limits(
     **Returns:** :class:`Corrupted`.
     **Raises:** ``ValueError`` as :func:`offset_joints`.
     """
-    joints = _check_runs("violate_limits", motion, runs, length, joints)
-    _check_range("violate_limits", "excess", excess)
+    joints = check_runs("violate_limits", motion, runs, length, joints)
+    check_range("violate_limits", "excess", excess)
     return _violate_limits(motion, key, runs, excess, length, joints)
 
 
@@ -131,7 +138,7 @@ def freeze_joints(
     **Raises:** ``ValueError`` as :func:`offset_joints`; for a negative ``noise``, at run time if
     traced.
     """
-    joints = _check_runs("freeze_joints", motion, runs, length, joints)
+    joints = check_runs("freeze_joints", motion, runs, length, joints)
     sigma = one_number("freeze_joints: noise", noise)
     motion = require(motion, ~(sigma >= 0), "freeze_joints: noise must be 0 or more", got=noise)
     shaken = None if not traced(noise) and sigma == 0 else jnp.asarray(noise, motion.dtype)
@@ -156,7 +163,7 @@ def fill_gaps(
     **Returns:** :class:`Corrupted`.
     **Raises:** ``ValueError`` as :func:`offset_joints`.
     """
-    joints = _check_runs("fill_gaps", motion, runs, length, joints)
+    joints = check_runs("fill_gaps", motion, runs, length, joints)
     return _fill(motion, key, runs, length, joints)
 
 
@@ -189,7 +196,7 @@ def swap_limbs(
         )
     if len(set(both)) != len(both):
         raise ValueError(f"swap_limbs: pairs={chosen!r} names a joint twice")
-    _check_runs("swap_limbs", motion, runs, length, both)
+    check_runs("swap_limbs", motion, runs, length, both)
     partner = np.arange(motion.num_joints)
     for i, j in chosen:
         partner[i], partner[j] = j, i
@@ -213,7 +220,7 @@ def inject_errors(
     **Returns:** :class:`Corrupted`.
     **Raises:** ``ValueError`` as :func:`offset_joints`.
     """
-    joints = _check_runs("inject_errors", motion, runs, length, joints)
+    joints = check_runs("inject_errors", motion, runs, length, joints)
     offsets, limits, frozen, spikes = jax.random.split(key, 4)
     damaged = offset_joints(motion, offsets, runs=runs, length=length, joints=joints)
     mask = damaged.mask
@@ -224,61 +231,18 @@ def inject_errors(
     ):
         damaged = damage(damaged.motion)
         mask = mask | damaged.mask
-    return Corrupted(damaged.motion, mask)
-
-
-class _Runs(NamedTuple):
-    """``cover`` bool[R, T, J]; ``start``, ``stop`` int[R], the first frame and the one after the
-    last; ``spare`` f[R, 3] in [0, 1)."""
-
-    cover: Array
-    start: Array
-    stop: Array
-    spare: Array
-
-    @property
-    def hit(self):
-        return jnp.any(self.cover, axis=0)
-
-    def spread(self, values):
-        """A value of each run, R first, where the first run to cover an entry rules: [T, J, …]."""
-        return values[jnp.argmax(self.cover, axis=0)]
-
-
-def _draw_runs(motion, key, runs, length, joints, earliest=0) -> _Runs:
-    """All that is random comes from one draw: it is what takes long to compile."""
-    frames, (low, high) = motion.num_frames, length
-    u = jax.random.uniform(key, (6, runs), motion.dtype)
-    joint = jnp.asarray(np.array(joints))[_pick(u[0], len(joints))]
-    start = earliest + _pick(u[1], max(frames - low - earliest, 0) + 1)
-    stop = start + low + _pick(u[2], high - low + 1)
-    t = jnp.arange(frames)
-    during = (t >= start[:, None]) & (t < stop[:, None])
-    mine = jnp.arange(motion.num_joints) == joint[:, None, None]
-    return _Runs(during[..., None] & mine, start, stop, u[3:].T)
-
-
-def _pick(u, count: int):
-    """Whole numbers 0 … count − 1 from uniform ones in [0, 1)."""
-    return jnp.minimum((u * count).astype(int), count - 1)
-
-
-def _scale(u, bounds):
-    return bounds[0] + (bounds[1] - bounds[0]) * u
+    return Corrupted.of(motion, damaged.motion, mask)
 
 
 @compiled
 def _offset(motion, key, runs, magnitude, length, joints, ramp):
-    drawn = _draw_runs(motion, key, runs, length, joints)
-    height, around = 2 * drawn.spare[:, 0] - 1, 2 * jnp.pi * drawn.spare[:, 1]
-    flat = jnp.sqrt(1 - height * height)  # Archimedes: uniform on the sphere
-    axis = jnp.stack([flat * jnp.cos(around), flat * jnp.sin(around), height], axis=-1)
-    v = drawn.spread(axis * _scale(drawn.spare[:, 2:], magnitude))
+    drawn = draw_runs(motion, key, runs, length, joints)
+    v = drawn.spread(unit_vectors(drawn.spare) * scaled(drawn.spare[:, 2:], magnitude))
     turn = quaternion.exp(_ramped(drawn, ramp, motion)[..., None] * v)
     return replace_where(motion, drawn.hit, quaternion.multiply(motion.rotations, turn))
 
 
-def _ramped(drawn: _Runs, ramp: int, motion: Motion) -> Array:
+def _ramped(drawn: Runs, ramp: int, motion: Motion) -> Array:
     """w of every frame and joint: 1 in the middle of runs that are longer than both ramps."""
     t = jnp.arange(motion.num_frames)[:, None]
     before, after = t + 1 - drawn.spread(drawn.start), drawn.spread(drawn.stop) - t
@@ -288,7 +252,7 @@ def _ramped(drawn: _Runs, ramp: int, motion: Motion) -> Array:
 
 @compiled
 def _violate_limits(motion, key, runs, excess, length, joints):
-    drawn = _draw_runs(motion, key, runs, length, joints)
+    drawn = draw_runs(motion, key, runs, length, joints)
     v = quaternion.log(quaternion.between(motion.rotations[:1], motion.rotations))
     widest = jnp.argmax(jnp.sum(v * v, axis=-1), axis=0)
     e = jnp.take_along_axis(v, widest[None, :, None], axis=0)
@@ -296,14 +260,14 @@ def _violate_limits(motion, key, runs, excess, length, joints):
     zero = norm < float(jnp.finfo(v.dtype).eps) ** 0.5
     e = jnp.where(zero, jnp.array([1, 0, 0], v.dtype), e / jnp.where(zero, 1, norm))
     along = jnp.sum(v * e, axis=-1)
-    goal = jnp.max(along, axis=0) + drawn.spread(_scale(drawn.spare[:, 0], excess))
+    goal = jnp.max(along, axis=0) + drawn.spread(scaled(drawn.spare[:, 0], excess))
     beyond = quaternion.exp(v + (goal - along)[..., None] * e)
     return replace_where(motion, drawn.hit, quaternion.multiply(motion.rotations[:1], beyond))
 
 
 @compiled
 def _freeze(motion, key, runs, length, joints, shaken):
-    drawn = _draw_runs(motion, key, runs, length, joints, earliest=1)
+    drawn = draw_runs(motion, key, runs, length, joints, earliest=1)
     _, held = _of_run(motion, drawn, drawn.start - 1)
     if shaken is not None:
         shape = (*drawn.hit.shape, 3)
@@ -312,7 +276,7 @@ def _freeze(motion, key, runs, length, joints, shaken):
     return replace_where(motion, drawn.hit, held)
 
 
-def _of_run(motion: Motion, drawn: _Runs, frames: Array) -> tuple[Array, Array]:
+def _of_run(motion: Motion, drawn: Runs, frames: Array) -> tuple[Array, Array]:
     """A frame of each run, for every frame and joint, and the joint's rotation there."""
     at = jnp.broadcast_to(drawn.spread(frames), drawn.hit.shape)
     at = jnp.clip(at, 0, motion.num_frames - 1)
@@ -321,7 +285,7 @@ def _of_run(motion: Motion, drawn: _Runs, frames: Array) -> tuple[Array, Array]:
 
 @compiled
 def _fill(motion, key, runs, length, joints):
-    drawn = _draw_runs(motion, key, runs, length, joints, earliest=1)
+    drawn = draw_runs(motion, key, runs, length, joints, earliest=1)
     t = jnp.arange(motion.num_frames)[:, None]
     before, first = _of_run(motion, drawn, drawn.start - 1)
     after, final = _of_run(motion, drawn, drawn.stop)
@@ -333,7 +297,7 @@ def _fill(motion, key, runs, length, joints):
 @compiled
 def _swap(motion, key, runs, length, partner):
     partner = np.array(partner)
-    hit = _draw_runs(motion, key, runs, length, (0,)).hit[:, :1]
+    hit = draw_runs(motion, key, runs, length, (0,)).hit[:, :1]
     mask = hit & jnp.asarray(partner != np.arange(len(partner)))
     return replace_where(motion, mask, motion.rotations[:, partner])
 
@@ -345,23 +309,3 @@ def _pairs_by_name(skeleton: Skeleton):
         for name, j in names.items()
         if "Left" in name and name.replace("Left", "Right") in names
     ]
-
-
-def _check_range(who, name, pair):
-    if len(pair) != 2 or not 0 <= pair[0] <= pair[1]:
-        raise ValueError(f"{who}: {name}={pair!r}; expected (least, greatest), both at least 0")
-
-
-def _check_runs(who, motion, runs, length, joints, name="runs") -> tuple[int, ...]:
-    one_clip(who, motion)
-    if not isinstance(runs, (int, np.integer)) or runs < 1:
-        raise ValueError(f"{who}: {name}={runs!r}; expected a whole number of at least 1")
-    if len(length) != 2 or not 1 <= length[0] <= length[1]:
-        raise ValueError(f"{who}: length={length!r}; expected (least, greatest) frames, from 1 up")
-    count = motion.num_joints
-    if joints is None:
-        return tuple(range(1, count)) or (0,)
-    chosen = tuple(int(j) for j in joints)
-    if not chosen or not all(0 <= j < count for j in chosen):
-        raise ValueError(f"{who}: joints={joints!r}; expected indices from 0 to {count - 1}")
-    return chosen

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxmotion as jm
 from jaxmotion import samples
 from tests.helpers import (
     angle_between,
@@ -26,6 +27,8 @@ ALL = {
     "freeze_joints": {},
     "fill_gaps": {},
     "swap_limbs": {},
+    "drift_joints": {},
+    "swap_markers": {},
     "inject_errors": {},
 }
 
@@ -134,6 +137,38 @@ def test_holds_may_shake(walk):
     away = angle_between(still.motion.rotations, shaken.motion.rotations)
     assert np.sqrt(np.mean(away[mask] ** 2) / 3) == pytest.approx(0.01, rel=0.1)
     assert not away[~mask].any()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_changes_are_told(walk, damaged, name):
+    """As angles, and of nothing else than the mask's entries."""
+    result = damaged[name]
+    away = angle_between(walk.rotations, result.motion.rotations)
+    np.testing.assert_allclose(result.change, away, atol=1e-7)
+    assert not np.asarray(result.change)[~np.asarray(result.mask)].any()
+
+
+def test_drift_grows_at_its_rate(walk):
+    """From the frame before the run on, frame after frame, to its end."""
+    result = samples.drift_joints(walk, KEY, runs=1, rate=(0.5, 0.5), length=(20, 20))
+    frames, joints = np.nonzero(np.asarray(result.mask))
+    assert len({*joints}) == 1
+    seconds = np.arange(1, 21) * float(walk.frame_time)
+    away = angle_between(walk.rotations, result.motion.rotations)[frames, joints]
+    np.testing.assert_allclose(away, 0.5 * seconds[: len(away)], atol=1e-9)
+
+
+def test_swapped_markers_turn_one_bone(walk):
+    """In the world the joint turns, what hangs from it is where it looked before."""
+    elbow = walk.skeleton.index("LeftForeArm")
+    (hand,) = walk.skeleton.children[elbow]
+    result = samples.swap_markers(walk, KEY, runs=1, length=(10, 10), joints=[elbow])
+    touched = np.flatnonzero(np.asarray(result.mask).any(axis=0))
+    assert {*touched} == {elbow, hand}
+    before, after = (jm.forward_kinematics(m).rotations for m in (walk, result.motion))
+    turned = angle_between(before, after)
+    assert (turned[:, elbow] > 0.5)[np.asarray(result.mask)[:, elbow]].all()
+    np.testing.assert_allclose(np.delete(turned, elbow, axis=1), 0, atol=1e-7)
 
 
 def test_gaps_are_filled_the_short_way(walk):
@@ -327,6 +362,8 @@ def test_bad_arguments(walk, name, options, message):
         ("offset_joints", {"ramp": -1}, "offset_joints: ramp=-1"),
         ("freeze_joints", {"noise": -0.1}, "freeze_joints: noise must be 0 or more"),
         ("fill_gaps", {"runs": 0}, "fill_gaps: runs=0"),
+        ("drift_joints", {"rate": (1, 0.5)}, r"drift_joints: rate=\(1, 0.5\)"),
+        ("swap_markers", {"joints": [22]}, "swap_markers: joints"),
     ],
 )
 def test_errors_name_what_was_called(walk, name, options, message):
