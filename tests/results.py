@@ -83,6 +83,12 @@ def chain() -> linalg.DifferenceChain:
     return linalg.DifferenceChain(*(zeros(FRAMES, 1, 1) for _ in range(4)))
 
 
+def errors() -> cleaning.DetectedErrors:
+    mask = zeros(FRAMES, JOINTS, dtype=bool)
+    numbers = zeros(FRAMES, JOINTS), zeros(FRAMES, JOINTS)
+    return cleaning.DetectedErrors(mask, *numbers, {"jump": mask}, motion())
+
+
 def points() -> contacts.ContactPoints:
     return contacts.ContactPoints(motion().skeleton, FEET, names=[f"{foot}.end" for foot in FEET])
 
@@ -216,6 +222,18 @@ _MAKERS: dict[str, Callable[[], Any]] = {
         *(zeros(5, dtype=np.int32), zeros(5, 8, dtype=np.int32), zeros(5, 8, dtype=np.int32)),
         *(zeros(5, 8), zeros(5, 8, 15, dtype=np.int32), 0.0321, tuple(range(JOINTS))),
     ),
+    "Digression": lambda: cleaning.Digression(
+        *(zeros(FRAMES, JOINTS), zeros(FRAMES, JOINTS), zeros(FRAMES, JOINTS, 3)),
+        *(zeros(FRAMES, JOINTS, 4), {}, 1),
+    ),
+    "DetectedErrors": errors,
+    "Levels": lambda: cleaning.Levels(zeros(JOINTS), zeros(JOINTS), zeros(JOINTS)),
+    "Repaired": lambda: cleaning.Repaired(
+        motion(), zeros(FRAMES, JOINTS, dtype=bool), motion(), errors()
+    ),
+    "ErrorRun": lambda: cleaning.ErrorRun(3, 17, ("Hips",), 0.98765432, ("jump",), 0.75),
+    "RepairedRun": lambda: cleaning.RepairedRun(3, 17, ("Hips",), 0.98765432, 1.5, 0.125),
+    "DetectionScores": lambda: metrics.DetectionScores(*[0.9] * 5, 100, 12),
     "MotionWarp": lambda: timing.MotionWarp(
         *(zeros(FRAMES, dtype=np.int32), zeros(FRAMES, 9), zeros(FRAMES, 9), zeros(100)),
         *(zeros(dtype=bool), zeros(dtype=np.int32), 8, 192),

@@ -449,6 +449,14 @@ RECIPES = {
         cases=dict.fromkeys(("pi float32", "joints200 float32"), HALF_OF_THEM),
     ),
     "cleaning.motion_words": recipe(lambda f, c: f(c.motion, length=2).rotations, rotations),
+    "cleaning.soft_mask": recipe(lambda f, c: f(c.vectors[..., 0], width=0.5), vectors),
+    "cleaning.soft_neighbours": recipe(
+        lambda f, c: f(c.motion.translations.reshape(-1), k=1, beta=1.0), positions
+    ),
+    "cleaning.soft_word_distances": recipe(
+        lambda f, c: f(c.motion.rotations[None], c.other.rotations[None], gamma=0.1),
+        two_rotations,
+    ),
     "contacts.cleanup_footskate": recipe(
         lambda f, c: f(c.motion, c.contacts),
         planted,
@@ -487,6 +495,9 @@ RECIPES = {
     "metrics.bend": measured(lambda f, c: f(c.motion)),
     "metrics.check": measured(lambda f, c: [p.frame or 0 for p in f(c.motion)]),
     "metrics.contact_scores": measured(lambda f, c: f(c.contacts.mask, c.contacts.mask)),
+    "metrics.detection_scores": measured(
+        lambda f, c: f(c.contacts.mask, c.contacts.mask, length=2)
+    ),
     "metrics.difference": measured(lambda f, c: f(c.motion, c.other, world=True)),
     "metrics.duplicate_frames": measured(lambda f, c: f(c.motion)),
     "metrics.figure_size": measured(lambda f, c: f(c.motion.skeleton)),
@@ -496,6 +507,7 @@ RECIPES = {
     "metrics.jerk": measured(lambda f, c: f(c.motion)),
     "metrics.joint_position_error": measured(lambda f, c: f(c.motion, c.other)),
     "metrics.penetration": measured(lambda f, c: f(c.motion, c.contacts.points)),
+    "metrics.pose_error": measured(lambda f, c: f(c.motion, c.other)),
     "metrics.root_bend": measured(lambda f, c: f(c.motion)),
     "metrics.rotation_rates": measured(lambda f, c: f(c.motion)),
     "metrics.sign_flips": measured(lambda f, c: f(c.motion)),
@@ -510,8 +522,14 @@ EXCEPTIONS = {
     "jaxmotion.buckets": "a setting",
     "jaxmotion.checks": "a setting",
     "jaxmotion.enable_compilation_cache": "a setting",
+    "cleaning.baseline_errors": "errors of concrete clips, in NumPy",
+    "cleaning.clean_levels": "measured of concrete clips, on the host",
+    "cleaning.detect_errors": "errors of concrete clips, on the host",
+    "cleaning.digression_map": "a search among concrete clips, on the host",
     "cleaning.joint_groups": "joints of concrete clips, in NumPy",
     "cleaning.nearest_words": "an exact search among concrete clips, on the host",
+    "cleaning.reconstruct_sparse": "learned of concrete clips, on the host",
+    "cleaning.repair": "errors of concrete clips, on the host",
     "io.save": "writes the file that the recipe of io.load reads",
     "kinematics.mirrored_pairs": "pairs of numbers, from names alone",
     "samples.names": "a list of names",

@@ -31,7 +31,7 @@ BATCHED = {
 # What is not finite stays where it is; all others refuse it by joint and frame.
 FRAME_BY_FRAME = BATCHED | {
     *("metrics.difference", "metrics.check", "metrics.find_problems"),
-    *("metrics.foot_skate", "metrics.slides"),
+    *("metrics.foot_skate", "metrics.pose_error", "metrics.slides"),
     *("metrics.penetration", "multiresolution.follow", "clips.stack", "clips.concatenate"),
     "timing.pad_to_bucket",
     *(f"samples.{name}" for name in ("add_noise", "add_spikes", "drop_frames", "flip_signs")),

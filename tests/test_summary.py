@@ -57,6 +57,9 @@ def test_results_are_one_line(name):
 
 
 TUPLES = (
+    "DetectionScores",
+    "ErrorRun",
+    "RepairedRun",
     "UpGuess",
     "Bridge",
     "Removal",

@@ -7,6 +7,8 @@ from jaxmotion.cleaning.groups import joint_groups
 from jaxmotion.cleaning.levels import Levels, clean_levels
 from jaxmotion.cleaning.neighbours import Neighbours, nearest_words
 from jaxmotion.cleaning.repair import Repaired, RepairedRun, repair
+from jaxmotion.cleaning.soft import soft_mask, soft_neighbours, soft_word_distances
+from jaxmotion.cleaning.sparse import reconstruct_sparse
 from jaxmotion.cleaning.words import MotionWords, motion_words
 
 __all__ = [
@@ -25,5 +27,9 @@ __all__ = [
     "joint_groups",
     "motion_words",
     "nearest_words",
+    "reconstruct_sparse",
     "repair",
+    "soft_mask",
+    "soft_neighbours",
+    "soft_word_distances",
 ]

@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float
 
 from jaxmotion._checks import static
 from jaxmotion._portable import Portable
-from jaxmotion._summary import some
+from jaxmotion._summary import called, line, some
 from jaxmotion._types import AnyArray
 from jaxmotion.cleaning.digression import Progress
 from jaxmotion.cleaning.jumps import runs
@@ -55,6 +55,15 @@ class ErrorRun(NamedTuple):
     size: float
     detectors: tuple[Detector, ...]
     confidence: float
+
+    def __repr__(self) -> str:
+        return line(self, self._words)
+
+    def _words(self) -> Iterator[str]:
+        yield f"frames {int(self.start)} to {int(self.stop) - 1}"
+        yield called([str(name) for name in self.joints], 2)
+        yield f"{np.degrees(float(self.size)):.3g}°"
+        yield f"{', '.join(map(str, self.detectors))} ({float(self.confidence):.2f})"
 
 
 class DetectedErrors(Portable):
@@ -96,7 +105,6 @@ class DetectedErrors(Portable):
     def _words(self) -> Iterator[str]:
         yield some(self.mask.shape[0], "frame")
         yield some(self.mask.shape[1], "joint")
-        yield f"{100 * float(np.mean(self.mask)):.3g} % in error"
 
 
 @static("k", "passes")

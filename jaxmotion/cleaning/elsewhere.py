@@ -92,10 +92,15 @@ def median_pose(shown: Poses) -> Float[np.ndarray, "time joint 4"]:
     rotations, counts = shown
     first = np.take_along_axis(rotations, counts.argmax(axis=1)[:, None, :, None], axis=1)
     opposite = np.sum(rotations * first, axis=-1, keepdims=True) < 0
-    seen = np.where(counts[..., None], np.where(opposite, -rotations, rotations), np.nan)
-    none = ~counts.any(axis=1)
-    seen[:, 0][none] = [1, 0, 0, 0]
-    middle = np.nanmedian(seen, axis=1)
+    seen = np.where(opposite, -rotations, rotations)
+    ordered = np.sort(np.where(counts[..., None], seen, np.inf), axis=1)
+    many = counts.sum(axis=1)
+    low, high = (
+        np.take_along_axis(ordered, np.maximum(n, 0)[:, None, :, None], axis=1)[:, 0]
+        for n in ((many - 1) // 2, many // 2)
+    )
+    middle = (low + high) / 2
+    middle[many == 0] = [1, 0, 0, 0]
     return middle / np.linalg.norm(middle, axis=-1, keepdims=True)
 
 

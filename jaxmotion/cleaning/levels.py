@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jaxmotion._checks import known
+from jaxmotion._checks import known, static
 from jaxmotion._portable import Portable
 from jaxmotion._summary import some
 from jaxmotion.cleaning.digression import Digressed, Setting, digressed, searched, settled
@@ -33,6 +33,7 @@ class Levels(Portable):
         yield some(self.jump.shape[0], "joint")
 
 
+@static("k")
 def clean_levels(motion: Motion, context: Motion | Sequence[Motion] = (), *, k: int = 8) -> Levels:
     """What is usual in a clip that is taken for sound, beside its context. For
     :func:`detect_errors`, which measures its own context so, each clip beside the others; of a

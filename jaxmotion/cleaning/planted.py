@@ -6,7 +6,6 @@ within 0.15 s on both sides where repaired. :func:`jaxmotion.contacts.limb_ik` t
 and middle so; the end and what hangs from it keep their turns in the world. O(T·J).
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +13,7 @@ from jaxtyping import Array, Bool
 
 from jaxmotion import quaternion
 from jaxmotion._checks import known
+from jaxmotion._file_facts import compiled
 from jaxmotion._room import room_for
 from jaxmotion.contacts import Contacts, limb_ik
 from jaxmotion.contacts.contact import Limb, check_frames, over_time
@@ -60,10 +60,10 @@ def _above(motion: Motion, joint: int) -> list[int]:
     return chain
 
 
-@eqx.filter_jit
+@compiled
 def _brought_back(
-    motion: Motion,
-    contacts: Contacts,
+    motion,
+    contacts,
     held: Bool[Array, "time point"],
     carried: Bool[Array, " time"],
     limb: Limb,

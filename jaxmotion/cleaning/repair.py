@@ -29,6 +29,7 @@ from jaxtyping import Bool
 
 from jaxmotion._checks import known, one_of, static
 from jaxmotion._portable import Portable
+from jaxmotion._summary import called, line
 from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.cleaning.body import as_lean, from_lean
 from jaxmotion.cleaning.detect import DetectedErrors, detected
@@ -61,6 +62,16 @@ class RepairedRun(NamedTuple):
     jump_before: float
     jump_after: float
 
+    def __repr__(self) -> str:
+        return line(self, self._words)
+
+    def _words(self) -> Iterator[str]:
+        yield f"frames {int(self.start)} to {int(self.stop) - 1}"
+        yield called([str(name) for name in self.joints], 2)
+        yield f"turned by {np.degrees(float(self.change)):.3g}°"
+        jumps = (np.degrees(float(x)) for x in (self.jump_before, self.jump_after))
+        yield "jumps by {:.3g}° before, {:.3g}° after".format(*jumps)
+
 
 class Repaired(Portable):
     """A clip of T frames, repaired.
@@ -91,7 +102,6 @@ class Repaired(Portable):
 
     def _words(self) -> Iterator[str]:
         yield from self.motion._words()
-        yield f"{100 * float(np.mean(self.mask)):.3g} % repaired"
 
 
 @static("k", "method", "blend")

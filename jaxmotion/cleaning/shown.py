@@ -1,4 +1,9 @@
-"""What neighbours show in place of a run of frames in error: by all of them, or by one."""
+"""What neighbours show in place of a run of frames in error: by all of them, or by one.
+
+Where the context itself jumps (the flips of a retargeting come again and again), the median of
+poses goes from one kind to the other. What turns faster than 20 rad/s is not put in: one neighbour
+is then, and nothing where that does so as well.
+"""
 
 from collections.abc import Iterator
 from typing import Literal, TypeAlias
@@ -8,6 +13,7 @@ from jaxtyping import Bool, Float
 
 from jaxmotion.cleaning.digression import at_every_frame
 from jaxmotion.cleaning.elsewhere import Poses, elsewhere, median_pose, medoid_pose, poses
+from jaxmotion.cleaning.jumps import turns
 from jaxmotion.cleaning.levels import Evidence
 from jaxmotion.cleaning.neighbours import Neighbours
 from jaxmotion.cleaning.turns import between, vectors_between
@@ -15,6 +21,7 @@ from jaxmotion.cleaning.turns import between, vectors_between
 Method: TypeAlias = Literal["median", "medoid", "nearest_end"]
 
 _CHUNK = 64  # frames
+_FASTEST = 20.0  # radians a second
 
 
 class Shown:
@@ -39,16 +46,21 @@ class Shown:
 
     def over(self, joint: int, start: int, stop: int) -> np.ndarray | None:
         """Poses f[n, 4] of a run of a joint and of the frames on both sides that there are; None
-        where nothing is shown of one of them."""
+        where nothing is shown of one of them, or what is shown leaps."""
         first, last = max(start - 1, 0), min(stop + 1, len(self.leans))
         if joint not in self.column:
             return None
         column = self.column[joint]
-        if self.method == "nearest_end":
-            return self._nearest_end(column, first, last)
-        if not self.there[first:last, column].all():
-            return None
-        return self.middle[first:last, column].copy()
+        if self.method != "nearest_end" and self.there[first:last, column].all():
+            poses = self.middle[first:last, column]
+            if not self._leaps(poses):
+                return poses
+        poses = self._nearest_end(column, first, last)
+        return None if poses is None or self._leaps(poses) else poses
+
+    def _leaps(self, poses: np.ndarray) -> bool:
+        speed = turns(poses[:, None]) * float(self.evidence.setting.motion.fps)
+        return bool(speed.max(initial=0) > _FASTEST)
 
     def _middles(self, middle) -> tuple[np.ndarray, np.ndarray]:
         """One pose for every frame and joint that tells, of all groups that hold the joint."""

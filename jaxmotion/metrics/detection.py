@@ -9,12 +9,15 @@
 A word is in error, or found, when any of its entries is. NumPy on the host, O(T·J).
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from jaxmotion._checks import no_module
 from jaxmotion._entry import check_result
+from jaxmotion._summary import line
 from jaxmotion._types import ArrayLike
 from jaxmotion.cleaning.words import check_sizes, word_starts
 from jaxmotion.metrics.measures import turn
@@ -33,6 +36,14 @@ class DetectionScores(NamedTuple):
     entry_precision: float
     words: int
     in_error: int
+
+    def __repr__(self) -> str:
+        return line(self, self._words)
+
+    def _words(self) -> Iterator[str]:
+        yield f"{int(self.in_error)} of {int(self.words)} words in error"
+        yield f"recall {float(self.recall):.3f}, precision {float(self.precision):.3f}"
+        yield f"of entries {float(self.entry_recall):.3f}, {float(self.entry_precision):.3f}"
 
     def precision_at(self, prevalence: float) -> float:
         """The precision where that share of the words is in error."""
@@ -57,6 +68,8 @@ def detection_scores(
         >>> jm.metrics.detection_scores(np.roll(truth, 2, axis=0), truth).entry_recall
         0.8
     """
+    for name, value in (("found", found), ("truth", truth)):
+        no_module(f"detection_scores: {name}", value)
     a, b = (np.asarray(x, bool) for x in (found, truth))
     if a.ndim != 2 or a.shape != b.shape:
         raise ValueError(

@@ -47,6 +47,7 @@ def _pick(u, count: int):
 
 
 def scaled(u, bounds):
+    """Numbers between the bounds, of uniform ones in [0, 1)."""
     return bounds[0] + (bounds[1] - bounds[0]) * u
 
 
@@ -58,11 +59,13 @@ def unit_vectors(u):
 
 
 def check_range(who, name, pair):
+    """``ValueError`` unless the pair is in order and not negative."""
     if len(pair) != 2 or not 0 <= pair[0] <= pair[1]:
         raise ValueError(f"{who}: {name}={pair!r}; expected (least, greatest), both at least 0")
 
 
 def check_runs(who, motion, runs, length, joints, name="runs") -> tuple[int, ...]:
+    """The joints that may be hit; ``ValueError`` for numbers that make no runs."""
     one_clip(who, motion)
     if not isinstance(runs, (int, np.integer)) or runs < 1:
         raise ValueError(f"{who}: {name}={runs!r}; expected a whole number of at least 1")
