@@ -126,3 +126,32 @@ def foretold_by_hand(textures, step, left_out):
                 residual[here, j] = own[here, j] - every[here] @ told
             weights = sound / (1 + np.sum(residual[frames, j] ** 2, axis=-1) / 0.15**2)
     return residual
+
+
+def digressing_by_hand(motion, context, k, usual, left_out):
+    """√(M/s · M′/s′) f[T, J] and M: ``usual`` f[2, J], what half of the context stays below."""
+    shape = motion.rotations.shape[:2]
+    joints = tuple(range(shape[1]))
+    textures = [np.asarray(texture(clip, joints)) for clip in (motion, *context)]
+    residual, _ = digression_by_hand(motion, context, k, left_out)
+    parts = []
+    for x, level in zip((residual, foretold_by_hand(textures, 1, left_out)), usual, strict=True):
+        size = np.linalg.norm(x, axis=-1)
+        for j in joints:
+            size[:, j] /= np.sqrt(0.2**2 + level[j] ** 2 + (2 * np.median(size[:, j])) ** 2)
+        parts.append(size)
+    return np.sqrt(parts[0] * parts[1]), np.linalg.norm(residual, axis=-1)
+
+
+def spread_by_hand(strong, weak):
+    """Strong frames, and weak ones on end with them."""
+    found = strong.copy()
+    for j in range(found.shape[1]):
+        changed = True
+        while changed:
+            beside = np.zeros(len(found), bool)
+            beside[1:] |= found[:-1, j]
+            beside[:-1] |= found[1:, j]
+            new = found[:, j] | (beside & weak[:, j])
+            changed, found[:, j] = (new != found[:, j]).any(), new
+    return found
