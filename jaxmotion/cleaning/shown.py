@@ -45,7 +45,8 @@ class Shown:
             return None  # as every joint where nothing moves
         column = self.column[joint]
         if self.method == "nearest_end":
-            return self._nearest_end(column, first, last)
+            beside = np.array([first < start, stop < last])
+            return self._nearest_end(column, first, last, beside)
         if not self.there[first:last, column].all():
             return None
         return self.middle[first:last, column].copy()
@@ -78,8 +79,11 @@ class Shown:
         frames = len(self.leans)
         return tuple(at_every_frame(np.concatenate(x), frames, setting.step) for x in (made, there))
 
-    def _nearest_end(self, column: int, first: int, last: int) -> np.ndarray | None:
-        """Of one neighbour, that whose first and last pose are nearest to the clip's."""
+    def _nearest_end(
+        self, column: int, first: int, last: int, beside: Bool[np.ndarray, "2"]
+    ) -> np.ndarray | None:
+        """Of one neighbour, that whose first and last pose are nearest to the clip's, if these are
+        ``beside`` the run: an end of the clip is in error itself."""
         setting = self.evidence.setting
         joint = setting.joints[column]
         rows = np.arange(first, last) / setting.step
@@ -95,7 +99,7 @@ class Shown:
         every = np.stack(candidates, axis=1)
         ends = np.repeat(self.leans[[first, last - 1], joint][:, None], every.shape[1], axis=1)
         away = vectors_between(every[[0, -1]], ends)
-        return every[:, np.sum(away**2, axis=(0, 2)).argmin()]
+        return every[:, np.sum(away[beside] ** 2, axis=(0, 2)).argmin()]
 
     def _candidates(
         self, found: Neighbours, column: int, rows: np.ndarray, middle: float

@@ -155,3 +155,28 @@ def spread_by_hand(strong, weak):
             new = found[:, j] | (beside & weak[:, j])
             changed, found[:, j] = (new != found[:, j]).any(), new
     return found
+
+
+def shown_by_hand(motion, context, k, left_out, t, j):
+    """All poses f[S, 4] that neighbours show of a joint, of every group that holds it."""
+    every = [motion, *context]
+    textures = [np.asarray(texture(clip, tuple(range(motion.num_joints)))) for clip in every]
+    poses = []
+    for members in joint_groups(every).values():
+        if j in members:
+            found = nearest_words(motion, context, k=k, joints=members)
+            places = places_by_hand(found, motion.num_frames)[t]
+            poses.append(kept_poses(places, textures, left_out, j))
+    return np.concatenate(poses)
+
+
+def median_by_hand(q):
+    """Of each component, on the first one's hemisphere."""
+    q = np.where(q @ q[:1].T < 0, -q, q)
+    middle = np.median(q, axis=0)
+    return middle / np.linalg.norm(middle)
+
+
+def medoid_by_hand(q):
+    """The one with the least angles to the others together."""
+    return q[np.arccos(np.minimum(np.abs(q @ q.T), 1)).sum(axis=1).argmin()]
