@@ -157,17 +157,29 @@ def spread_by_hand(strong, weak):
     return found
 
 
-def shown_by_hand(motion, context, k, left_out, t, j):
-    """All poses f[S, 4] that neighbours show of a joint, of every group that holds it."""
-    every = [motion, *context]
-    textures = [np.asarray(texture(clip, tuple(range(motion.num_joints)))) for clip in every]
-    poses = []
-    for members in joint_groups(every).values():
-        if j in members:
-            found = nearest_words(motion, context, k=k, joints=members)
-            places = places_by_hand(found, motion.num_frames)[t]
-            poses.append(kept_poses(places, textures, left_out, j))
-    return np.concatenate(poses)
+class ShownByHand:
+    """What neighbours show of a joint in a frame: all poses f[S, 4], of every group that holds it,
+    but what is ``left_out`` of the clip."""
+
+    def __init__(self, motion, context, k, left_out):
+        every = [motion, *context]
+        joints = tuple(range(motion.num_joints))
+        self.textures = [np.asarray(texture(clip, joints)) for clip in every]
+        self.left_out = left_out
+        self.places = [
+            (members, places_by_hand(nearest_words(motion, context, k=k, joints=members), frames))
+            for frames in [motion.num_frames]
+            for members in joint_groups(every).values()
+        ]
+
+    def __call__(self, t, j):
+        return np.concatenate(
+            [
+                kept_poses(places[t], self.textures, self.left_out, j)
+                for members, places in self.places
+                if j in members
+            ]
+        )
 
 
 def median_by_hand(q):

@@ -10,7 +10,7 @@ from jaxmotion.cleaning.levels import examined
 from jaxmotion.cleaning.shown import Shown
 from jaxmotion.cleaning.words import texture
 from tests.cleaning.clips import pacing, turned
-from tests.cleaning.oracles import median_by_hand, medoid_by_hand, shown_by_hand
+from tests.cleaning.oracles import median_by_hand, medoid_by_hand
 from tests.helpers import angle_between, assert_same_rotation
 from tests.style.clips import quaternions, rotations, swaying
 
@@ -38,7 +38,7 @@ def shown(given, method):
 def test_one_pose_of_all(given, method, middle):
     """Of the run and a frame on both sides, where there is one."""
     motion, context, _, wrong = given
-    found = shown(given, method)
+    found, by_hand = shown(given, method), ShownByHand(motion, context, K, wrong)
     for joint, start, stop, first, last in (
         (2, 30, 42, 29, 43),
         (3, 0, 6, 0, 7),
@@ -47,7 +47,7 @@ def test_one_pose_of_all(given, method, middle):
         poses = found.over(joint, start, stop)
         assert len(poses) == last - first
         for t in (first, (first + last) // 2, last - 1):
-            q = shown_by_hand(motion, context, K, wrong, t, joint)
+            q = by_hand(t, joint)
             assert_same_rotation(poses[t - first], middle(q), 1e-7)
 
 
@@ -91,7 +91,7 @@ def test_the_nearest_end(given):
     for joint, start, stop in ((2, 30, 42), (3, 0, 6), (1, 70, 80)):
         first, last = max(start - 1, 0), min(stop + 1, 80)
         made = candidates_by_hand(motion, context, wrong, joint, first, last)
-        assert len(made) > 3
+        assert len(made) >= 2
         sides = [(0, first)] * (start > 0) + [(-1, last - 1)] * (stop < 80)
         away = [sum(angle_between(q[end], leans[t, joint]) ** 2 for end, t in sides) for q in made]
         poses = found.over(joint, start, stop)
