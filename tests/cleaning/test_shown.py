@@ -10,7 +10,7 @@ from jaxmotion.cleaning.levels import examined
 from jaxmotion.cleaning.shown import Shown
 from jaxmotion.cleaning.words import texture
 from tests.cleaning.clips import pacing, turned
-from tests.cleaning.oracles import median_by_hand, medoid_by_hand
+from tests.cleaning.oracles import ShownByHand, median_by_hand, medoid_by_hand
 from tests.helpers import angle_between, assert_same_rotation
 from tests.style.clips import quaternions, rotations, swaying
 
