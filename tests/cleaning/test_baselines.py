@@ -60,6 +60,17 @@ def test_limits_are_what_the_clean_clips_keep():
     wanted = np.zeros((60, 5), bool)
     wanted[10, 2] = wanted[40, 3] = True
     np.testing.assert_array_equal(found, wanted)
+    # By a little as well: a joint that turns about one axis only.
+    q = np.array(clean[0].rotations)
+    angle = 0.4 * np.sin(np.arange(60) / 5)
+    angle[15:17] = 0.4, -0.4
+    q[:, 2] = quaternions(Rotation.from_rotvec(angle[:, None] * np.array([1.0, 0, 0])))
+    hinge = clean[0].with_transforms(rotations=q)
+    for size, beyond in ((0.39, False), (0.41, True)):
+        q = q.copy()
+        q[20, 2] = quaternions(Rotation.from_rotvec([size, 0, 0]))
+        found = baseline_errors(clean[0].with_transforms(rotations=q), hinge, "limits")
+        np.testing.assert_array_equal(np.flatnonzero(found), [20 * 5 + 2] if beyond else [])
     # The root has no limits.
     turned = with_turns(clean[0], {(10, 0): [1.5, 0, 0]})
     assert not np.asarray(baseline_errors(turned, clean, "limits")).any()

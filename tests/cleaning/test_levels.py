@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from jaxmotion.cleaning import clean_levels
+from jaxmotion.cleaning.missing import filled
 from jaxmotion.cleaning.words import texture
 from tests.cleaning.clips import pacing, turned
 from tests.cleaning.oracles import (
@@ -72,7 +73,10 @@ def test_what_is_missing_does_not_count(clips, levels):
     found = clean_levels(motion.with_transforms(rotations=q), context, k=3)
     assert found.jump[2] < 0.1
     assert np.isfinite(found.digression).all()
-    assert np.isfinite(found.foretold).all()
+    whole, missing = filled("f", motion.with_transforms(rotations=q))
+    textures = [np.asarray(texture(clip, tuple(range(5)))) for clip in (whole, *context)]
+    size = np.linalg.norm(foretold_by_hand(textures, 1, missing), axis=-1)
+    np.testing.assert_allclose(found.foretold, size.max(axis=0), atol=1e-7)
 
 
 @pytest.mark.parametrize("frames", [1, 2, 3, 14])
