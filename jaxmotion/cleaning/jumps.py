@@ -60,7 +60,7 @@ def paired(jump: Float[np.ndarray, "step joint"], fps: float) -> Float[np.ndarra
 def held(
     rotations: Float[np.ndarray, "time joint 4"],
     fps: float,
-    others: Sequence[Float[np.ndarray, "other joint 4"]] = (),
+    others: Sequence[Float[np.ndarray, "_ joint 4"]] = (),
 ) -> Int[np.ndarray, "time joint"]:
     """The hold of every frame; 0 of the frame that a hold begins from, which is not in error, and
     of joints at rest. ``others``: the context's rotations."""

@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from jaxmotion._checks import known, one_of, static
+from jaxmotion._entry import one_clip
 from jaxmotion._portable import Portable
 from jaxmotion._summary import called, line
 from jaxmotion._types import AnyArray, ArrayLike
@@ -35,7 +36,7 @@ from jaxmotion.cleaning.body import as_lean, from_lean
 from jaxmotion.cleaning.detect import DetectedErrors, detected
 from jaxmotion.cleaning.digression import Progress
 from jaxmotion.cleaning.jumps import jumps, runs
-from jaxmotion.cleaning.levels import Evidence, Levels
+from jaxmotion.cleaning.levels import Evidence, Levels, examined
 from jaxmotion.cleaning.missing import bridged, filled
 from jaxmotion.cleaning.planted import planted_again
 from jaxmotion.cleaning.savgol import smoothed
@@ -150,24 +151,24 @@ def repair(
     caller = "repair"
     one_of(f"{caller}: method", method, ("median", "medoid", "nearest_end"))
     one_of(f"{caller}: blend", blend, ("residual", "savgol"))
+    one_clip(caller, motion, on_host=True)
     shape = np.shape(motion.rotations)[:2]
     free = _mask(caller, "joint_mask", joint_mask, shape[1:])
-    errors, evidence = detected(
-        caller, motion, context, k, levels if mask is None else (), 2, progress
-    )
     whole, missing = filled(caller, motion)
     if mask is None:
+        errors, evidence = detected(caller, motion, context, k, levels, 2, progress)
         wrong = _grown(np.asarray(errors.mask), whole)
     else:
         wrong = _mask(caller, "mask", mask, shape) | missing
+        errors, evidence = None, examined(caller, motion, context, k, progress)
     wrong &= free
     if not wrong.any():
-        return Repaired(motion, jnp.asarray(wrong), motion, errors if mask is None else None)
+        return Repaired(motion, jnp.asarray(wrong), motion, errors)
     kept, wrong = _put_back(whole, wrong, evidence, method, blend)
-    kept = as_given(motion, kept, missing & ~wrong)
     if contacts is not None:
         kept, wrong = planted_again(kept, contacts, wrong, free)
-    return Repaired(kept, jnp.asarray(wrong), motion, errors if mask is None else None)
+    kept = as_given(motion, kept, missing & ~wrong)
+    return Repaired(kept, jnp.asarray(wrong), motion, errors)
 
 
 def as_given(given: Motion, made: Motion, still_missing: np.ndarray) -> Motion:
@@ -214,7 +215,7 @@ def _put_back(
     leans = as_lean(motion)
     made = bridged(leans, ~wrong)
     shown = Shown(evidence, wrong, leans, method)
-    for joint in np.flatnonzero(wrong.any(axis=0)):
+    for joint in map(int, np.flatnonzero(wrong.any(axis=0))):
         for start, stop in runs(wrong[:, joint]):
             poses = shown.over(joint, start, stop)
             if poses is None:

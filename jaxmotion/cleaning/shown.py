@@ -39,7 +39,7 @@ class Shown:
         self.column = {joint: n for n, joint in enumerate(setting.joints)}
         out = (wrong | evidence.missing)[:, np.array(setting.joints, int)]
         self.left_out = out[:: setting.step]
-        if method != "nearest_end":
+        if method != "nearest_end" and evidence.found:
             self.middle, self.there = self._middles(
                 median_pose if method == "median" else medoid_pose
             )
@@ -49,13 +49,14 @@ class Shown:
         where nothing is shown of one of them, or what is shown leaps."""
         first, last = max(start - 1, 0), min(stop + 1, len(self.leans))
         if joint not in self.column:
-            return None
+            return None  # as every joint where nothing moves
         column = self.column[joint]
         if self.method != "nearest_end" and self.there[first:last, column].all():
             poses = self.middle[first:last, column]
             if not self._leaps(poses):
                 return poses
-        poses = self._nearest_end(column, first, last)
+        beside = np.array([first < start, stop < last])
+        poses = self._nearest_end(column, first, last, beside)
         return None if poses is None or self._leaps(poses) else poses
 
     def _leaps(self, poses: np.ndarray) -> bool:
@@ -90,8 +91,11 @@ class Shown:
         frames = len(self.leans)
         return tuple(at_every_frame(np.concatenate(x), frames, setting.step) for x in (made, there))
 
-    def _nearest_end(self, column: int, first: int, last: int) -> np.ndarray | None:
-        """Of one neighbour, that whose first and last pose are nearest to the clip's."""
+    def _nearest_end(
+        self, column: int, first: int, last: int, beside: Bool[np.ndarray, "2"]
+    ) -> np.ndarray | None:
+        """Of one neighbour, that whose first and last pose are nearest to the clip's, if these are
+        ``beside`` the run: an end of the clip is in error itself."""
         setting = self.evidence.setting
         joint = setting.joints[column]
         rows = np.arange(first, last) / setting.step
@@ -107,7 +111,7 @@ class Shown:
         every = np.stack(candidates, axis=1)
         ends = np.repeat(self.leans[[first, last - 1], joint][:, None], every.shape[1], axis=1)
         away = vectors_between(every[[0, -1]], ends)
-        return every[:, np.sum(away**2, axis=(0, 2)).argmin()]
+        return every[:, np.sum(away[beside] ** 2, axis=(0, 2)).argmin()]
 
     def _candidates(
         self, found: Neighbours, column: int, rows: np.ndarray, middle: float

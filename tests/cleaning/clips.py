@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 
 import jaxmotion as jm
-from tests.style.clips import swaying
+from tests.helpers import quaternions_by
+from tests.style.clips import skeleton, swaying
 
 
 def repeating(seed, frames=90, jitter=0.03):
@@ -18,6 +19,31 @@ def repeating(seed, frames=90, jitter=0.03):
     turn = jm.quaternion.exp(jitter * rng.standard_normal((frames, nearest.shape[1], 3)))
     q = np.asarray(jm.quaternion.multiply(nearest, turn))
     return motion.with_transforms(np.asarray(motion.translations)[:frames], q)
+
+
+def pacing(take, frames=100, seed=0, rate=24.0):
+    """Every joint goes round smoothly, once in some 30 frames; takes go at paces of their own and
+    face elsewhere. In seconds the same at any rate."""
+    rng, own = np.random.default_rng(seed), np.random.default_rng(100 + take)
+    t = np.arange(frames) * 24 / rate
+    at = t + own.uniform(0, 30) + 2 * np.sin(t / 17 + own.uniform(0, 6))
+    at = at[:, None, None] * 2 * np.pi / 30
+    phase, size = rng.uniform(0, 6, (2, 1, 5, 3)), rng.uniform(0.1, 0.4, (2, 1, 5, 3))
+    v = size[0] * np.sin(at + phase[0]) + 0.5 * size[1] * np.sin(2 * at + phase[1])
+    q = quaternions_by(v)
+    yaw = quaternions_by([0, own.uniform(-3, 3), 0])
+    q[:, 0] = np.asarray(jm.quaternion.multiply(yaw, q[:, 0]))
+    there = np.stack([own.uniform(-2, 2) + 0 * t, 2 + 0 * t, t / 24], 1)
+    return jm.Motion.from_root(skeleton(), there, q, 1 / rate)
+
+
+def turned(motion, joint, frames, vectors):
+    """The motion with a joint turned in its own frame: f[3], or one for each of the frames."""
+    q = np.array(motion.rotations)
+    vectors = np.array(np.broadcast_to(np.asarray(vectors, float), (len(frames), 3)))
+    turn = quaternions_by(vectors, q.dtype)
+    q[frames, joint] = np.asarray(jm.quaternion.multiply(q[frames, joint], turn))
+    return motion.with_transforms(rotations=q)
 
 
 def squared_half_angles(p, q):
