@@ -509,6 +509,7 @@ EXCEPTIONS = {
     "jaxmotion.checks": "a setting",
     "jaxmotion.enable_compilation_cache": "a setting",
     "cleaning.joint_groups": "joints of concrete clips, in NumPy",
+    "cleaning.most_alike": "numbers of concrete clips, on the host",
     "cleaning.nearest_words": "an exact search among concrete clips, on the host",
     "io.save": "writes the file that the recipe of io.load reads",
     "kinematics.mirrored_pairs": "pairs of numbers, from names alone",
@@ -519,6 +520,8 @@ EXCEPTIONS = {
     "smoothing.removed": "a list about concrete clips, in NumPy",
     "viz.plot_alignment": "a picture",
     "viz.plot_contacts": "a picture",
+    "viz.plot_digression": "a picture",
+    "viz.plot_repair": "a picture",
 }
 
 

@@ -7,6 +7,7 @@ from jaxmotion.cleaning.groups import joint_groups
 from jaxmotion.cleaning.levels import Levels, clean_levels
 from jaxmotion.cleaning.neighbours import Neighbours, nearest_words
 from jaxmotion.cleaning.repair import Repaired, RepairedRun, repair
+from jaxmotion.cleaning.similarity import most_alike
 from jaxmotion.cleaning.words import MotionWords, motion_words
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "detect_errors",
     "digression_map",
     "joint_groups",
+    "most_alike",
     "motion_words",
     "nearest_words",
     "repair",
