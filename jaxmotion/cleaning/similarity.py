@@ -2,10 +2,10 @@
 
     d(X, Y) = mean over frames x of X of the least D(x, y) over frames y of Y
 
-D is :func:`jaxmotion.timing.pose_distance` of what words are made of (the body without its place and
-its yaw), of the joints that tell, one of eight joint terms left out. Clips are compared at about 24
-frames a second in single precision, and padded to a few lengths; O(P·Q·J) for P frames of the clip
-and Q of all others, a tile of frames at a time.
+D is :func:`jaxmotion.timing.pose_distance` of what words are made of (the body without its place
+and its yaw), of the joints that tell, one of eight joint terms left out. Clips are compared at
+about 24 frames a second in single precision, and padded to a few lengths; O(P·Q·J) for P frames of
+the clip and Q of all others, a tile of frames at a time.
 """
 
 from collections.abc import Sequence
@@ -35,8 +35,8 @@ def most_alike(motion: Motion, clips: Sequence[Motion], many: int = 8) -> tuple[
 
     On the host; not differentiable, not under ``jit``.
 
-    **Arguments:** ``motion``: one clip; ``clips``: others of the same joints, at any rate; ``many``:
-    how many are wanted. Entries that are not finite count as what is about them.
+    **Arguments:** ``motion``: one clip; ``clips``: others of the same joints, at any rate;
+    ``many``: how many are wanted. Entries that are not finite count as what is about them.
     **Returns:** numbers of clips, most alike first; all of them where there are no more.
     **Raises:** ``ValueError`` for what is traced, clips of other joints, ``many`` below 1.
 
