@@ -119,7 +119,7 @@ def detect_errors(
     default measured, each of its clips beside the others; ``passes``: 2 to look again without what
     was found; ``progress``: as :func:`digression_map`.
     **Returns:** :class:`DetectedErrors`.
-    **Raises:** ``ValueError`` for what is traced, clips of other joints, passes below 1.
+    **Raises:** ``ValueError`` for what is traced, clips or levels of other joints, passes below 1.
 
     **Example:**
 
@@ -148,6 +148,8 @@ def detected(
         raise ValueError(f"{caller}: passes={passes!r}; expected a whole number of at least 1")
     others = [context] if isinstance(context, Motion) else list(context)
     evidence = examined(caller, motion, others, k, progress)
+    if levels is not None and any(x.jump.shape != (motion.num_joints,) for x in levels):
+        raise ValueError(f"{caller}: levels are not of the motion's {motion.num_joints} joints")
     if levels is None:
         levels = [
             clean_levels(clip, others[:i] + others[i + 1 :], k=k) for i, clip in enumerate(others)
@@ -226,5 +228,6 @@ def _sudden(evidence: Evidence, fps: float, told: np.ndarray) -> np.ndarray:
     for shift in range(1 - about, about + 1):
         # The step from frame t to t + 1 tells of frames t − about + 1 to t + about.
         low, high = max(0, shift), min(len(told), len(step) + shift)
-        found[low:high] = np.maximum(found[low:high], step[low - shift : high - shift])
+        if low < high:
+            found[low:high] = np.maximum(found[low:high], step[low - shift : high - shift])
     return found

@@ -27,6 +27,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from jaxmotion._checks import one_of, static
+from jaxmotion._entry import a_motion
 from jaxmotion._portable import Portable
 from jaxmotion._posture import upright
 from jaxmotion._summary import some
@@ -101,6 +102,7 @@ def digression_map(
     """
     caller = "digression_map"
     one_of(f"{caller}: normalise", normalise, ("scale", "row_mean"))
+    a_motion(caller, motion)
     sizes = np.asarray(scale, np.float64)
     if sizes.shape not in ((), (motion.num_joints,)) or not (sizes > 0).all():
         raise ValueError(f"{caller}: scale={scale}; expected radians above 0, one or one a joint")

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxmotion._checks import known
+from jaxmotion._checks import known, traced
 from jaxmotion._entry import one_clip
 from jaxmotion.cleaning.turns import between
 from jaxmotion.frames.runs import last_before, next_after
@@ -16,6 +16,8 @@ def filled(caller: str, motion: Motion) -> tuple[Motion, Bool[np.ndarray, "time 
     at one speed, between the frames it has; before the first and after the last it stands, and
     where it has none it is as the skeleton has it. O(T·J)."""
     one_clip(caller, motion, on_host=True)
+    if traced(motion.rotations, motion.translations):
+        raise ValueError(f"{caller}: motion is traced; call it outside of jit and vmap")
     rotations, translations = known(motion.rotations), known(motion.translations)
     turns = np.isfinite(rotations).all(axis=-1)
     moves = np.isfinite(translations).all(axis=-1)

@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from jaxmotion._checks import known, one_of, static
+from jaxmotion._entry import one_clip
 from jaxmotion._portable import Portable
 from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.cleaning.body import as_lean, from_lean
@@ -140,6 +141,7 @@ def repair(
     caller = "repair"
     one_of(f"{caller}: method", method, ("median", "medoid", "nearest_end"))
     one_of(f"{caller}: blend", blend, ("residual", "savgol"))
+    one_clip(caller, motion, on_host=True)
     shape = np.shape(motion.rotations)[:2]
     free = _mask(caller, "joint_mask", joint_mask, shape[1:])
     errors, evidence = detected(
@@ -154,9 +156,9 @@ def repair(
     if not wrong.any():
         return Repaired(motion, jnp.asarray(wrong), motion, errors if mask is None else None)
     kept, wrong = _put_back(whole, wrong, evidence, method, blend)
-    kept = as_given(motion, kept, missing & ~wrong)
     if contacts is not None:
         kept, wrong = planted_again(kept, contacts, wrong, free)
+    kept = as_given(motion, kept, missing & ~wrong)
     return Repaired(kept, jnp.asarray(wrong), motion, errors if mask is None else None)
 
 

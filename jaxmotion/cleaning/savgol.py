@@ -25,12 +25,13 @@ def smoothed(
     wide = np.zeros_like(mask)
     for shift in range(-half, half + 1):
         low, high = max(0, shift), min(frames, frames + shift)
-        wide[low:high] |= mask[low - shift : high - shift]
+        if low < high:
+            wide[low:high] |= mask[low - shift : high - shift]
     return np.where(wide[..., None], fitted, rotations), wide
 
 
 def _signs_along(q: np.ndarray) -> np.ndarray:
     """The same rotations, each on the hemisphere of the one before."""
     flips = np.sum(q[1:] * q[:-1], axis=-1) < 0
-    signs = np.concatenate([np.zeros_like(flips[:1]), np.cumsum(flips, axis=0) % 2 == 1])
+    signs = np.concatenate([np.zeros(q[:1].shape[:-1], bool), np.cumsum(flips, axis=0) % 2 == 1])
     return np.where(signs[..., None], -q, q)

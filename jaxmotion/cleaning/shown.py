@@ -32,7 +32,7 @@ class Shown:
         self.column = {joint: n for n, joint in enumerate(setting.joints)}
         out = (wrong | evidence.missing)[:, np.array(setting.joints, int)]
         self.left_out = out[:: setting.step]
-        if method != "nearest_end":
+        if method != "nearest_end" and evidence.found:
             self.middle, self.there = self._middles(
                 median_pose if method == "median" else medoid_pose
             )
@@ -42,7 +42,7 @@ class Shown:
         where nothing is shown of one of them."""
         first, last = max(start - 1, 0), min(stop + 1, len(self.leans))
         if joint not in self.column:
-            return None
+            return None  # as every joint where nothing moves
         column = self.column[joint]
         if self.method == "nearest_end":
             return self._nearest_end(column, first, last)
