@@ -46,7 +46,7 @@ _RUN = 3  # of "slope3"
 _WORDS = 32  # a block
 _FIRST = 48  # targets of least bound that are warped first
 _RATES = 0.01  # that rates may differ by
-TRIMMED = 8  # one joint in so many is left out
+_TRIMMED = 8  # one joint in so many is left out
 
 
 class Neighbours(Portable):
@@ -129,7 +129,7 @@ def nearest_words(
     if not (isinstance(k, (int, np.integer)) and k >= 1 and target >= length):
         raise ValueError(f"{caller}: k={k}, target={target}; expected 1 and {length} at least")
     chosen = chosen_joints(caller, motion, joints)
-    trim = len(chosen) // TRIMMED if trim is None else trim
+    trim = len(chosen) // _TRIMMED if trim is None else trim
     if not 0 <= trim < len(chosen):
         raise ValueError(f"{caller}: trim={trim}; expected less than the {len(chosen)} joints")
     stands = upright(motion)

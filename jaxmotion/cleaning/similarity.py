@@ -21,11 +21,12 @@ from jaxmotion._posture import upright
 from jaxmotion.cleaning.digression import FPS
 from jaxmotion.cleaning.groups import joint_groups, one_skeleton
 from jaxmotion.cleaning.missing import filled
-from jaxmotion.cleaning.neighbours import TRIMMED
 from jaxmotion.cleaning.words import texture
 from jaxmotion.frames.padding import LONGEST, padded, program_size
 from jaxmotion.motion import Motion
 from jaxmotion.timing import pose_distance
+
+_TRIMMED = 8  # one joint in so many is left out, as of words
 
 
 @static("many")
@@ -76,7 +77,7 @@ def thinned(motion: Motion) -> Motion:
 
 def _distance(x: np.ndarray, y: np.ndarray) -> float:
     """Mean distance of frames of x f[n, J, 4] from their nearest of y f[m, J, 4]."""
-    trim = x.shape[1] // TRIMMED
+    trim = x.shape[1] // _TRIMMED
     total = 0.0
     for part in _tiles(x):
         filled_up = padded(part, program_size(len(part)))
