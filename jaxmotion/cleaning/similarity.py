@@ -10,6 +10,7 @@ the clip and Q of all others, a tile of frames at a time.
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -89,7 +90,7 @@ def _distance(x: np.ndarray, y: np.ndarray) -> float:
     return total / len(x)
 
 
-def _tiles(x: np.ndarray) -> list[np.ndarray]:
+def _tiles(x: Any) -> list[Any]:
     return [x[begin : begin + LONGEST] for begin in range(0, len(x), LONGEST)]
 
 

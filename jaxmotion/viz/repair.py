@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from jaxmotion._checks import known
 from jaxmotion._plain import printable
 from jaxmotion.cleaning import Repaired, RepairedRun
 from jaxmotion.cleaning.turns import angles_between, mean_rotation
@@ -76,13 +75,13 @@ def _changed_most(repaired: Repaired, run: RepairedRun) -> list[int]:
     """The joints of a run that were turned furthest in it, in the skeleton's order."""
     joints = np.array([repaired.motion.skeleton.index(name) for name in run.joints])
     here = slice(run.start, run.stop)
-    clips = (known(x.rotations)[here][:, joints] for x in (repaired.before, repaired.motion))
+    clips = (np.asarray(x.rotations)[here][:, joints] for x in (repaired.before, repaired.motion))
     change = np.nan_to_num(angles_between(*clips), nan=np.inf).max(axis=0)
     return sorted(joints[np.argsort(-change, kind="stable")[:_MOST]].tolist())
 
 
 def _angles(repaired: Repaired, joints: list[int]) -> list[Float[np.ndarray, "time joint"]]:
     """How far the joints are from their mean in the repaired clip, before and after, degrees."""
-    clips = [known(x.rotations)[:, joints] for x in (repaired.before, repaired.motion)]
+    clips = [np.asarray(x.rotations)[:, joints] for x in (repaired.before, repaired.motion)]
     middle = mean_rotation(clips[1])
     return [np.degrees(angles_between(np.broadcast_to(middle, q.shape), q)) for q in clips]
