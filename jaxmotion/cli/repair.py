@@ -95,9 +95,9 @@ def command(
     wanted = Wanted(context=tuple(str(item.path) for item in around), **options)
     if detect_only:
         jobs = [Job(item.path, NOWHERE) for item in inputs]
-        _batch.look(partial(_look, batch, wanted), jobs, batch, running, tell=_as_text)
+        _batch.look(partial(_look, batch, wanted), jobs, batch, running, tell=_as_text, heavy=True)
     jobs = _files.plan(inputs, batch.out)
-    _batch.run(partial(_repair, batch, wanted), jobs, batch, running)
+    _batch.run(partial(_repair, batch, wanted), jobs, batch, running, heavy=True)
 
 
 def _repair(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
