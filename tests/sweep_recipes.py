@@ -527,6 +527,7 @@ EXCEPTIONS = {
     "cleaning.detect_errors": "errors of concrete clips, on the host",
     "cleaning.digression_map": "a search among concrete clips, on the host",
     "cleaning.joint_groups": "joints of concrete clips, in NumPy",
+    "cleaning.most_alike": "numbers of concrete clips, on the host",
     "cleaning.nearest_words": "an exact search among concrete clips, on the host",
     "cleaning.reconstruct_sparse": "learned of concrete clips, on the host",
     "cleaning.repair": "errors of concrete clips, on the host",
@@ -539,6 +540,8 @@ EXCEPTIONS = {
     "smoothing.removed": "a list about concrete clips, in NumPy",
     "viz.plot_alignment": "a picture",
     "viz.plot_contacts": "a picture",
+    "viz.plot_digression": "a picture",
+    "viz.plot_repair": "a picture",
 }
 
 

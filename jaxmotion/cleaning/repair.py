@@ -215,7 +215,7 @@ def _put_back(
     leans = as_lean(motion)
     made = bridged(leans, ~wrong)
     shown = Shown(evidence, wrong, leans, method)
-    for joint in map(int, np.flatnonzero(wrong.any(axis=0))):
+    for joint in np.flatnonzero(wrong.any(axis=0)).tolist():
         for start, stop in runs(wrong[:, joint]):
             poses = shown.over(joint, start, stop)
             if poses is None:

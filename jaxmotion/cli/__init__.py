@@ -13,6 +13,8 @@ only click at the top; JAX and the library load inside functions, so help never 
 | ``_batch`` | files through an edit: progress, failures, summary |
 | ``_workers`` | files side by side, in processes |
 | ``_work`` | one file through an edit |
+| ``_beside`` | clips that a clip is looked at beside |
+| ``_runs`` | runs of errors, in rows and in lines |
 | ``_feet`` | what an edit does to the feet; contacts kept |
 | ``_padding`` | clips at a few lengths |
 | ``_record`` | which options outputs were made with, for ``--resume`` |
@@ -22,7 +24,7 @@ only click at the top; JAX and the library load inside functions, so help never 
 | ``_terminal`` | everything that is printed |
 | ``_leaving`` | signals, and what must not be left undone |
 | ``_progress`` | what is told on the way |
-| ``_report``, ``_page`` | the record of a run, as JSON and as HTML |
+| ``_report``, ``_page``, ``_pictures`` | the record of a run, as JSON and as HTML |
 | ``_learned`` | what smoothers learned, in rows for it |
 
 Exit codes: 0 success, 1 some files failed, 2 usage, 3 ``check`` found problems, 130 interrupted,

@@ -18,7 +18,7 @@ from jaxmotion.cli import _files, _leaving, _session
 from jaxmotion.cli._feet import find_feet, keep_contacts
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Batch, Running, Selection, asked_for
-from jaxmotion.cli._progress import Progress
+from jaxmotion.cli._progress import Progress, line_about
 from jaxmotion.cli._record import Record
 from jaxmotion.cli._report import Report
 from jaxmotion.cli._terminal import say
@@ -70,11 +70,13 @@ def run(
     running: Running,
     *,
     writes: Callable[[Path], Sequence[Path]] | None = None,
+    heavy: bool = False,
 ) -> None:
     """Run ``process`` on every job, tell of it, and leave with an exit code.
 
     **Arguments:** ``process``: a function that can be pickled, which raises on failure;
-    ``writes``: the files that come of a target, by default the target (and an .amc's .asf).
+    ``writes``: the files that come of a target, by default the target (and an .amc's .asf);
+    ``heavy``: whether a file takes longer than compiling for it.
     """
     writes = writes or files_of
     replaced = batch.overwrite or batch.resume
@@ -95,7 +97,8 @@ def run(
     record.forget(job.target for job in ready)
     statuses: list[str] = []
     with report, _leaving.last_word(lambda: _how_to_go_on(len(jobs), statuses)):
-        for outcome in _outcomes(process, early, ready, batch, running, clear):
+        results = _results(process, ready, batch, running, clear, heavy)
+        for outcome in _outcomes(results, early, len(ready), batch, running):
             if outcome.status == "written":
                 record.note(outcome.job.target)
             statuses.append(outcome.status)
@@ -108,6 +111,39 @@ def run(
         if left:
             say(f"{_FIRST_FAILURE.capitalize()}; {left} not tried.", err=True)
     raise click.exceptions.Exit(1 if counts["failed"] else 0)
+
+
+def look(
+    process: Callable[[Job], Effect],
+    jobs: Sequence[Job],
+    batch: Batch,
+    running: Running,
+    *,
+    tell: Callable[[Outcome], Sequence[str]],
+    heavy: bool = False,
+) -> None:
+    """Run ``process``, which writes nothing, on every job, print what there is to ``tell`` of each,
+    and leave with an exit code; ``heavy``: as :func:`run`."""
+    if batch.dry_run:
+        say(f"nothing would be written; {len(jobs)} files would be looked at.", err=True)
+        raise click.exceptions.Exit(0)
+    failed = 0
+    with Report(batch.report, jobs, overwrite=batch.overwrite or batch.resume) as report:
+        for outcome in _results(process, jobs, batch, running, lambda: None, heavy):
+            if outcome.status == "failed":
+                failed += 1
+                say(line_about(outcome), err=True)
+            else:
+                outcome.status = "read"
+                say(*tell(outcome))
+            if outcome.traceback and running.debug:
+                say(*outcome.traceback.splitlines(), err=True)
+            say(*(f"  warning: {text}" for text in outcome.warnings), err=True)
+            report.add(outcome)
+            if failed and batch.fail_fast:
+                report.end = f"failed: {_FIRST_FAILURE}"
+                break
+    raise click.exceptions.Exit(1 if failed else 0)
 
 
 def _how_to_go_on(jobs: int, statuses: list[str]) -> str:
@@ -153,23 +189,10 @@ def _are_newer(outputs: Sequence[Path], source: Path) -> bool:
 
 
 def _outcomes(
-    process: Callable,
-    early: list[Outcome],
-    ready: list[Job],
-    batch: Batch,
-    running: Running,
-    clear: Callable[[], None],
+    results: Generator[Outcome], early: list[Outcome], ready: int, batch: Batch, running: Running
 ) -> Generator[Outcome]:
     """All of them as they come, told of on the way, up to the first failure if asked."""
-    if batch.jobs == 1 or len(ready) <= 1:
-        results = _one_by_one(process, ready, running)
-    else:
-        from jaxmotion.cli._workers import side_by_side
-
-        results = side_by_side(
-            process, ready, processes=batch.jobs, cache=running.cache, clear=clear, notice=True
-        )
-    with Progress(len(early) + len(ready)) as progress, closing(results) as later:
+    with Progress(len(early) + ready) as progress, closing(results) as later:
         for outcome in chain(early, later):
             progress.tell(outcome)
             if outcome.traceback and running.debug:
@@ -179,9 +202,35 @@ def _outcomes(
                 break
 
 
-def _one_by_one(process: Callable, jobs: list[Job], running: Running) -> Generator[Outcome]:
+def _results(
+    process: Callable,
+    jobs: Sequence[Job],
+    batch: Batch,
+    running: Running,
+    clear: Callable[[], None],
+    heavy: bool,
+) -> Generator[Outcome]:
+    """Outcomes one by one, or side by side as they come."""
+    if batch.jobs == 1 or len(jobs) <= 1:
+        return _one_by_one(process, jobs, running, heavy)
+    from jaxmotion.cli._workers import side_by_side
+
+    return side_by_side(
+        process,
+        jobs,
+        processes=batch.jobs,
+        cache=running.cache,
+        clear=clear,
+        notice=True,
+        heavy=heavy,
+    )
+
+
+def _one_by_one(
+    process: Callable, jobs: Sequence[Job], running: Running, heavy: bool
+) -> Generator[Outcome]:
     if jobs:
-        little = _session.is_little(job.source for job in jobs)
+        little = not heavy and _session.is_little(job.source for job in jobs)
         _session.start(cache=running.cache, little=little)
     for job in jobs:
         yield guarded(process, job)

@@ -1,18 +1,23 @@
 """A report as a page of HTML that needs nothing else: a table of figures, a row a file, then what
-was learned of each. The record itself is in it, for programs.
+was learned of each, with pictures. The record itself is in it, for programs.
 
 A figure is a row of ``_FIGURES``: where it is in a file's entry, and its heading. Columns without
 any figure are left out, and what results where it is what was there before.
 """
 
 import html
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from jaxmotion._plain import as_json, printable
 
 # Where a page holds the record.
 RECORD = r'<script type="application/json" id="record">\n(.*?)\n</script>'
+
+# Where it holds the pictures of a file, by its input as text.
+_PICTURES = r'<div class="pictures" data-input="(.*?)">\n(.*?)\n</div>'
 
 _FIGURES: tuple[tuple[tuple[str, ...], str], ...] = (
     (("frames",), "frames"),
@@ -44,26 +49,27 @@ tr.failed td { color: #b00020; }
 tr.skipped td, tr.not-tried td { color: #777; }
 small { color: #777; display: block; }
 summary { cursor: pointer; }
+img { max-width: 100%; }
 """
 
 
-def page(record: dict[str, Any]) -> str:
-    """The page of a report."""
+def page(record: dict[str, Any], pictures: Mapping[str, str] = MappingProxyType({})) -> str:
+    """The page of a report; ``pictures``: HTML by input."""
     entries = record["files"]
     shown = [(where, heading) for where, heading in _FIGURES if _tells(entries, where)]
     headings = ["file", "output", "status", *(heading for _, heading in shown)]
     rows = "\n".join(_row(entry, [where for where, _ in shown]) for entry in entries)
-    learned = "\n".join(_learned(entry) for entry in entries if entry["learned"])
+    learned = "\n".join(_learned(e, pictures.get(e["input"], "")) for e in entries if e["learned"])
     counts = ", ".join(f"{n} {status}" for status, n in record["counts"].items() if n)
     asked = " ".join([record["command"], *map(_spelt, record["options"].items())])
-    preset = f", preset {_escaped(record['preset'])}" if record["preset"] else ""
+    preset = f", preset {as_text(record['preset'])}" if record["preset"] else ""
     hidden = as_json(record).replace("<", r"\u003c")
     return f"""<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>jaxmotion report</title>
 <style>{_STYLE}</style>
-<h1>jaxmotion {_escaped(record["command"])}</h1>
-<p>{counts}; {_escaped(record["end"])}</p>
-<p><code>{_escaped(" ".join(asked.split()))}</code>{preset}</p>
+<h1>jaxmotion {as_text(record["command"])}</h1>
+<p>{counts}; {as_text(record["end"])}</p>
+<p><code>{as_text(" ".join(asked.split()))}</code>{preset}</p>
 <p>{record["begun"]} to {record["ended"]}; jaxmotion {record["jaxmotion"]}, JAX {record["jax"]}</p>
 {_table(headings, rows)}
 {learned}
@@ -73,8 +79,13 @@ def page(record: dict[str, Any]) -> str:
 </html>"""
 
 
+def pictures_in(text: str) -> dict[str, str]:
+    """The pictures in a page, by input :func:`as_text`."""
+    return dict(re.findall(_PICTURES, text, re.DOTALL))
+
+
 def _table(headings: Sequence[str], rows: str) -> str:
-    head = "".join(f"<th>{_escaped(heading)}</th>" for heading in headings)
+    head = "".join(f"<th>{as_text(heading)}</th>" for heading in headings)
     return f"<table><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>"
 
 
@@ -86,8 +97,8 @@ def _row(entry: dict[str, Any], shown: Sequence[tuple[str, ...]]) -> str:
     return f'<tr class="{entry["status"].replace(" ", "-")}">{"".join(cells)}</tr>'
 
 
-def _learned(entry: dict[str, Any]) -> str:
-    """What was learned of a file, folded: values in one table, then the tables by name."""
+def _learned(entry: dict[str, Any], pictures: str) -> str:
+    """What was learned of a file, folded: values in one table, the tables by name, pictures."""
     learned = entry["learned"]
     tables = {name: rows for name, rows in learned.items() if _is_table(rows)}
     values = {name: value for name, value in learned.items() if name not in tables}
@@ -97,8 +108,11 @@ def _learned(entry: dict[str, Any]) -> str:
         parts.append(_table((), rows))
     for name, lines in tables.items():
         rows = "\n".join(f"<tr>{''.join(map(_cell, line.values()))}</tr>" for line in lines)
-        parts.append(f"<h4>{_escaped(name)}</h4>{_table(list(lines[0]), rows)}")
-    title = f"what was learned of {_escaped(entry['input'])}"
+        parts.append(f"<h4>{as_text(name)}</h4>{_table(list(lines[0]), rows)}")
+    name = as_text(entry["input"])
+    if pictures:
+        parts.append(f'<div class="pictures" data-input="{name}">\n{pictures}\n</div>')
+    title = f"what was learned of {name}"
     return f"<details><summary>{title}</summary>\n{''.join(parts)}</details>"
 
 
@@ -122,17 +136,17 @@ def _at(entry: dict[str, Any], where: tuple[str, ...]) -> Any:
 
 
 def _cell(value: Any, notes: Sequence[str] = ()) -> str:
-    small = "".join(f"<small>{_escaped(note)}</small>" for note in notes if note)
+    small = "".join(f"<small>{as_text(note)}</small>" for note in notes if note)
     if isinstance(value, dict) and "p95" in value:
         place = f"frame {value['frame']}, {value['joint']}{', end site' * value['end_site']}"
         usual = f"mean {_number(value['mean'])}, 95 % {_number(value['p95'])}"
-        most = f"{_number(value['max'])}<small>{_escaped(place)}</small>"
+        most = f"{_number(value['max'])}<small>{as_text(place)}</small>"
         return f'<td class="number">{most}<small>{usual}</small></td>'
     if isinstance(value, bool):
         value = "yes" if value else "no"
     if isinstance(value, (int, float)):
         return f'<td class="number">{_number(value)}{small}</td>'
-    return f"<td>{_escaped(_words(value))}{small}</td>"
+    return f"<td>{as_text(_words(value))}{small}</td>"
 
 
 def _number(value: int | float) -> str:
@@ -158,5 +172,6 @@ def _spelt(option: tuple[str, Any]) -> str:
     return f"--{name}" if value is True else f"--{name} {_words(value)}"
 
 
-def _escaped(text: object) -> str:
+def as_text(text: object) -> str:
+    """As it is shown in a page."""
     return html.escape(printable(text))

@@ -32,7 +32,7 @@ are in degrees, lengths in the file's own unit, times in UTC; what is not known 
 | ``learned`` | what the command learned of the clip, by name: values and tables |
 
 A file that ``--resume`` skips keeps its entry in the report that is there, if its outputs are still
-those of it.
+those of it, and its pictures, which only a page has.
 """
 
 import contextlib
@@ -56,7 +56,8 @@ from jaxmotion.cli import _leaving
 from jaxmotion.cli._app import described
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import NOWHERE, asked_for
-from jaxmotion.cli._page import RECORD, page
+from jaxmotion.cli._page import RECORD, as_text, page, pictures_in
+from jaxmotion.cli._pictures import shown
 from jaxmotion.cli._terminal import say
 from jaxmotion.cli._work import Clip, Effect, Outcome
 from jaxmotion.io.formats import read_with
@@ -103,7 +104,8 @@ class Report:
         if path.exists() and not overwrite:
             raise click.UsageError(f"{path} exists; add --overwrite")
         self._jobs, self._writes, self._others = jobs, writes, others
-        self._earlier = _earlier(path) if resume else {}
+        self._earlier, self._kept = _earlier(path) if resume else ({}, {})
+        self._pictures: dict[str, str] = {}
         self._entries: dict[Path, dict[str, Any]] = {}
         context = click.get_current_context()
         options = asked_for(context)
@@ -149,6 +151,9 @@ class Report:
             earlier = self._earlier.get(str(job.target), {})
             if earlier.get("made") == entry["made"]:
                 entry = {**earlier, "status": "skipped", "message": outcome.message}
+                self._pictures[entry["input"]] = self._kept.get(entry["input"], "")
+        if outcome.effect is not None and outcome.effect.drawings:
+            self._pictures[entry["input"]] = shown(outcome.effect.drawings)
         self._entries[job.source] = entry
 
     @contextlib.contextmanager
@@ -207,7 +212,7 @@ class Report:
         counts = {status: sum(e["status"] == status for e in entries) for status in STATUSES}
         record = {**self._head, "ended": _now(), "end": end, "counts": counts, "files": entries}
         is_json = self._path.suffix.lower() == ".json"
-        text = as_json(record, indent=1) if is_json else page(record)
+        text = as_json(record, indent=1) if is_json else page(record, self._pictures)
         self._path.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(self._path) as file:
             file.write((text + "\n").encode())
@@ -266,15 +271,20 @@ def _feet(skate: "Skate") -> dict[str, Any]:
     }
 
 
-def _earlier(path: Path) -> dict[str, dict[str, Any]]:
-    """The entries of a report that is there, by output; none if it is not to be read."""
+def _earlier(path: Path) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
+    """The entries of a report that is there, by output, and pictures by input; none if it is not to
+    be read."""
     try:
         text = path.read_text("utf-8")
+        pictures = pictures_in(text)
         if path.suffix.lower() != ".json":
             text = re.findall(RECORD, text, re.DOTALL)[0]
-        return {entry["output"]: entry for entry in json.loads(text)["files"]}
+        entries = json.loads(text)["files"]
+        return {entry["output"]: entry for entry in entries}, {
+            entry["input"]: pictures.get(as_text(entry["input"]), "") for entry in entries
+        }
     except (OSError, ValueError, LookupError, TypeError):
-        return {}
+        return {}, {}
 
 
 def _sha256(path: Path) -> str | None:

@@ -52,6 +52,9 @@ def start(*, cache: bool = True, little: bool = False, notice: bool = True, shar
     gc.set_threshold(100_000, 20, 100)
     if share > 1:
         os.environ.setdefault("NPROC", str(max(1, (os.cpu_count() or 1) // share)))
+    # NumPy's matrices are small here: threads would wait for each other, longest where cores are
+    # busy. Only read as NumPy is imported.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if little and "jax" not in sys.modules:
         _generate_plain_code()
     import jax

@@ -23,6 +23,7 @@ from jaxmotion.cli._terminal import Notice
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
+    from jaxmotion.cli._pictures import Drawing
     from jaxmotion.contacts import Contacts
     from jaxmotion.metrics import Difference
 
@@ -66,7 +67,7 @@ class Effect:
     """What came of the clips that were ``read``, the file's own first: ``made``, the clip that is
     written; a ``message``, if there is more to say than ``change``, how it differs; ``skate``, how
     its feet slide, None if none touch; what was ``learned`` on the way, if a report asks; a line to
-    tell below that of the file, ``note``."""
+    tell below that of the file, ``note``; ``drawings`` for a report that is a page."""
 
     read: tuple[Clip, ...]
     made: Clip | None = None
@@ -75,6 +76,7 @@ class Effect:
     skate: Skate | None = None
     learned: Learned = field(default_factory=dict)
     note: str = ""
+    drawings: "tuple[Drawing, ...]" = ()
 
 
 @dataclass(frozen=True)

@@ -3,5 +3,7 @@ install 'jaxmotion[viz]'``."""
 
 from jaxmotion.viz.alignment import plot_alignment
 from jaxmotion.viz.contacts import plot_contacts
+from jaxmotion.viz.digression import plot_digression
+from jaxmotion.viz.repair import plot_repair
 
-__all__ = ["plot_alignment", "plot_contacts"]
+__all__ = ["plot_alignment", "plot_contacts", "plot_digression", "plot_repair"]

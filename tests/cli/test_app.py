@@ -12,7 +12,7 @@ from jaxmotion.cli import _app
 
 COMMANDS = (
     "align", "augment", "blend", "check", "contacts", "convert", "demo", "denoise", "info",
-    "layers", "multires", "prior", "retime", "stitch", "style", "transfer",
+    "layers", "multires", "prior", "repair", "retime", "stitch", "style", "transfer",
 )  # fmt: skip
 
 

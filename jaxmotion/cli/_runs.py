@@ -1,0 +1,89 @@
+"""Runs of errors in rows for a report and in lines for people; seconds and degrees."""
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from jaxmotion._plain import printable
+
+if TYPE_CHECKING:
+    from jaxmotion.cleaning import DetectedErrors, ErrorRun, Repaired, RepairedRun
+
+_NAMED = 4
+
+Row: TypeAlias = dict[str, Any]
+
+
+def of_errors(errors: "DetectedErrors") -> list[Row]:
+    """A row a run that was found."""
+    second = float(errors.motion.frame_time)
+    return [_where(run, second) | _found([run]) for run in errors.runs]
+
+
+def of_repair(repaired: "Repaired") -> list[Row]:
+    """A row a run that was repaired, with what was found in it."""
+    second = float(repaired.motion.frame_time)
+    found = repaired.errors.runs if repaired.errors is not None else ()
+    rows = []
+    for run in repaired.runs:
+        inside = [x for x in found if x.start < run.stop and run.start < x.stop]
+        turns = {"change": run.change, "jump_before": run.jump_before, "jump_after": run.jump_after}
+        degrees = {name: math.degrees(angle) for name, angle in turns.items()}
+        rows.append(_where(run, second) | _found(inside) | degrees)
+    return rows
+
+
+def _where(run: "ErrorRun | RepairedRun", second: float) -> Row:
+    return {
+        "start": run.start,
+        "stop": run.stop,
+        "seconds": second * run.start,
+        "lasts": second * (run.stop - run.start),
+        "joints": list(run.joints),
+    }
+
+
+def _found(runs: "Sequence[ErrorRun]") -> Row:
+    detectors = dict.fromkeys(name for run in runs for name in run.detectors)
+    return {
+        "size": math.degrees(max((run.size for run in runs), default=0.0)),
+        "detectors": list(detectors),
+        "confidence": max((run.confidence for run in runs), default=None),
+    }
+
+
+def counted(rows: Sequence[Row], share: float, done: str) -> str:
+    """How many runs, and of how much of the clip that was ``done``."""
+    many = f"{len(rows)} run{'s' * (len(rows) > 1)}"
+    return f"{many}, {100 * share:.2g} % of joint-frames {done}"
+
+
+def largest(rows: Sequence[Row]) -> str:
+    """The run that was changed most, in a line; "" for none."""
+    if not rows:
+        return ""
+    row = max(rows, key=lambda row: row["change"])
+    return f"largest: {_joints(row)} {_frames(row)} by {row['change']:.3g}°"
+
+
+def listed(rows: Sequence[Row]) -> list[str]:
+    """A line a run that was found."""
+    frames = [_frames(row) for row in rows]
+    width = max(map(len, frames), default=0)
+    return [
+        f"  {text:<{width}}  {row['seconds']:6.2f} to {row['seconds'] + row['lasts']:.2f} s  "
+        f"{_joints(row)}, {row['size']:.3g}°, {', '.join(row['detectors'])}, "
+        f"confidence {row['confidence']:.2f}"
+        for text, row in zip(frames, rows, strict=True)
+    ]
+
+
+def _frames(row: Row) -> str:
+    first, last = row["start"], row["stop"] - 1
+    return f"frame {first}" if first == last else f"frames {first}-{last}"
+
+
+def _joints(row: Row) -> str:
+    names = [printable(name) for name in row["joints"]]
+    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    return f"{', '.join(names[:_NAMED])}{more}"
