@@ -530,6 +530,7 @@ EXCEPTIONS = {
     "cleaning.most_alike": "numbers of concrete clips, on the host",
     "cleaning.nearest_words": "an exact search among concrete clips, on the host",
     "cleaning.reconstruct_sparse": "learned of concrete clips, on the host",
+    "cleaning.sequence_distance": "a search among concrete clips, on the host",
     "cleaning.repair": "errors of concrete clips, on the host",
     "io.save": "writes the file that the recipe of io.load reads",
     "kinematics.mirrored_pairs": "pairs of numbers, from names alone",

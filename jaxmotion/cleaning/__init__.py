@@ -7,7 +7,7 @@ from jaxmotion.cleaning.groups import joint_groups
 from jaxmotion.cleaning.levels import Levels, clean_levels
 from jaxmotion.cleaning.neighbours import Neighbours, nearest_words
 from jaxmotion.cleaning.repair import Repaired, RepairedRun, repair
-from jaxmotion.cleaning.similarity import most_alike
+from jaxmotion.cleaning.similarity import most_alike, sequence_distance
 from jaxmotion.cleaning.soft import soft_mask, soft_neighbours, soft_word_distances
 from jaxmotion.cleaning.sparse import reconstruct_sparse
 from jaxmotion.cleaning.words import MotionWords, motion_words
@@ -31,6 +31,7 @@ __all__ = [
     "nearest_words",
     "reconstruct_sparse",
     "repair",
+    "sequence_distance",
     "soft_mask",
     "soft_neighbours",
     "soft_word_distances",

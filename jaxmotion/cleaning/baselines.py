@@ -62,4 +62,4 @@ def baseline_errors(
 
 def _speeds(motion: Motion) -> np.ndarray:
     """Radians a second, f[T − 1, J]."""
-    return float(motion.fps) * turns(known(motion.rotations))
+    return float(motion.fps) * turns(np.asarray(known(motion.rotations)))

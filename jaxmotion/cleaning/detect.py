@@ -16,7 +16,7 @@ found. The measures are ours, the digression Aristidou et al.'s (2018).
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
@@ -85,10 +85,10 @@ class DetectedErrors(Portable):
         """Every run of frames in which some joint is in error."""
         mask = np.asarray(self.mask)
         names = self.motion.skeleton.names
-        told = {name: np.asarray(found) for name, found in self.by.items()}
+        told: dict[Detector, Any] = {name: np.asarray(x) for name, x in self.by.items()}
         mdm, size = np.asarray(self.mdm), np.asarray(self.digression)
         made = []
-        for start, stop in runs(mask.any(axis=1)):
+        for start, stop in runs(np.asarray(mask.any(axis=1))):
             here = slice(start, stop)
             made.append(
                 ErrorRun(
@@ -169,15 +169,16 @@ def detected(
     for _ in range(passes):
         found, score, size = _by_digression(evidence, usual, mask)
         mask = everywhere | found
-    by = {"digression": found, **{name: x[0] for name, x in sure.items()}}
-    ratios = np.max([score / _STRONG, *(x[1] for x in sure.values())], axis=0)
+    by: dict[Detector, Any] = {"digression": found, "missing": evidence.missing}
+    by |= {name: x[0] for name, x in sure.items()}
+    ratios = np.max(np.stack([score / _STRONG, *(x[1] for x in sure.values())]), axis=0)
     mdm = np.where(evidence.missing, 1, 1 - 2 ** -(ratios**2))
     kind = motion.dtype
     return DetectedErrors(
         jnp.asarray(mask),
         jnp.asarray(mdm, kind),
         jnp.asarray(size, kind),
-        {name: jnp.asarray(x) for name, x in {**by, "missing": evidence.missing}.items()},
+        {name: jnp.asarray(x) for name, x in by.items()},
         motion,
     ), evidence
 
@@ -212,7 +213,8 @@ def _by_digression(evidence: Evidence, usual: _Usual, left_out: np.ndarray):
     score, size = np.zeros(shape), np.zeros(shape)
     score[:, joints] = np.sqrt(parts[0] * parts[1])
     size[:, joints] = np.linalg.norm(judged.residual, axis=-1)
-    return np.asarray(hysteresis(score > _STRONG, score > _WEAK)), score, size
+    strong, weak = (jnp.asarray(score > x) for x in (_STRONG, _WEAK))
+    return np.asarray(hysteresis(strong, weak)), score, size
 
 
 def _by_time(evidence: Evidence, usual: _Usual) -> dict[Detector, tuple[np.ndarray, np.ndarray]]:

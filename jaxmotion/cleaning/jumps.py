@@ -66,8 +66,9 @@ def held(
     of joints at rest. ``others``: the context's rotations."""
     step = turns(rotations)
     moving = np.median(step, axis=1) > _MOVING / fps if step.size else np.zeros(len(step), bool)
-    found = np.zeros(rotations.shape[:2], int)
-    for joint in range(found.shape[1]):
+    frames, joints = rotations.shape[:2]
+    found = np.zeros((frames, joints), int)
+    for joint in range(joints):
         for begin, end in runs(step[:, joint] < _STILL):
             if end - begin < 2:
                 continue

@@ -91,9 +91,9 @@ def examined(
     whole, missing = filled(caller, motion)
     others = [context] if isinstance(context, Motion) else list(context)
     setting = settled(caller, whole, [filled(caller, clip)[0] for clip in others])
-    rotations, fps = known(whole.rotations), float(motion.fps)
+    rotations, fps = np.asarray(known(whole.rotations)), float(motion.fps)
     found, jump = searched(setting, k, progress), jumps(rotations)
-    rest = [known(clip.rotations) for clip in setting.clips[1:]]
+    rest = [np.asarray(known(clip.rotations)) for clip in setting.clips[1:]]
     by_time = jump, fps * turns(rotations), paired(jump, fps), held(rotations, fps, rest)
     return Evidence(setting, found, missing, *by_time)
 

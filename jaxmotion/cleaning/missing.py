@@ -1,5 +1,7 @@
 """Frames that are not there: entries that are not finite, filled from the frames about them."""
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
@@ -18,9 +20,11 @@ def filled(caller: str, motion: Motion) -> tuple[Motion, Bool[np.ndarray, "time 
     one_clip(caller, motion, on_host=True)
     if traced(motion.rotations, motion.translations):
         raise ValueError(f"{caller}: motion is traced; call it outside of jit and vmap")
-    rotations, translations = known(motion.rotations), known(motion.translations)
-    turns = np.isfinite(rotations).all(axis=-1)
-    moves = np.isfinite(translations).all(axis=-1)
+    rotations, translations = (
+        np.asarray(known(x)) for x in (motion.rotations, motion.translations)
+    )
+    turns = np.asarray(np.isfinite(rotations).all(axis=-1))
+    moves = np.asarray(np.isfinite(translations).all(axis=-1))
     missing = ~(turns & moves)
     if not missing.any():
         return motion, missing
@@ -28,7 +32,9 @@ def filled(caller: str, motion: Motion) -> tuple[Motion, Bool[np.ndarray, "time 
     one = np.array([1, 0, 0, 0], rotations.dtype)
     rotations = bridged(np.where(turns[..., None], rotations, one), turns)
     before, after, way = _beside(moves, translations.dtype)
-    safe = np.where(moves[..., None] | moves.any(axis=0)[:, None], translations, offsets)
+    safe = np.where(
+        moves[..., None] | np.asarray(moves.any(axis=0))[:, None], translations, offsets
+    )
     first, final = _at(safe, before), _at(safe, after)
     straight = first + way[..., None] * (final - first)
     translations = np.where(moves[..., None], translations, straight)
@@ -44,7 +50,7 @@ def bridged(
     return np.where(there[..., None], rotations, short)
 
 
-def _beside(there: Bool[np.ndarray, "time joint"], kind) -> tuple[np.ndarray, ...]:
+def _beside(there: Any, kind) -> tuple[np.ndarray, ...]:
     """The frames that a joint has before and after each, and how far between them that is."""
     last, last_frame = np.asarray(last_before(there)), len(there) - 1
     after = np.asarray(next_after(there))

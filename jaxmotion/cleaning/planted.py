@@ -6,6 +6,8 @@ within 0.15 s on both sides where repaired. :func:`jaxmotion.contacts.limb_ik` t
 and middle so; the end and what hangs from it keep their turns in the world. O(T·J).
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -36,14 +38,14 @@ def planted_again(
     mask = mask.copy()
     for limb in dict.fromkeys(limb for limb in contacts.limbs if limb is not None):
         chain = _above(motion, limb[2])
-        carried = mask[:, chain].any(axis=1)
+        carried = np.asarray(mask[:, chain].any(axis=1))
         points = np.array([other == limb for other in contacts.limbs])
         held = known(contacts.mask) & carried[:, None] & points
         if not held.any() or not free[list(limb)].all():
             continue
         room = room_for(motion, contacts)
         filled = room.fill(motion), room.fill(contacts, over_time)
-        given = room.fill(held), room.fill(carried)
+        given: Any = room.fill(held), room.fill(carried)  # type: ignore[arg-type]
         rotations, changed = (room.cut(x) for x in _brought_back(*filled, *given, limb))
         changed = np.asarray(changed)
         for joint in limb:

@@ -90,11 +90,11 @@ class Repaired(Portable):
     def runs(self) -> tuple[RepairedRun, ...]:
         """Every run of frames in which some joint was repaired, before and after."""
         mask, names = np.asarray(self.mask), self.motion.skeleton.names
-        old, new = (known(x.rotations) for x in (self.before, self.motion))
+        old, new = (np.asarray(known(x.rotations)) for x in (self.before, self.motion))
         change = angles_between(old, new)
         leaps = [np.pad(jumps(x), ((1, 1), (0, 0))) for x in (old, new)]
         made = []
-        for start, stop in runs(mask.any(axis=1)):
+        for start, stop in runs(np.asarray(mask.any(axis=1))):
             joints = np.flatnonzero(mask[start:stop].any(axis=0))
             largest = [float(np.nan_to_num(x[start : stop + 1, joints]).max()) for x in leaps]
             turn = float(np.nan_to_num(change[start:stop, joints]).max())
@@ -192,7 +192,7 @@ def _mask(caller: str, name: str, values: ArrayLike | None, shape: tuple[int, ..
 
 def _grown(mask: np.ndarray, motion: Motion) -> np.ndarray:
     """The mask, the ends of its runs moved out to the largest jump near by, or by a frame."""
-    leap = np.pad(jumps(known(motion.rotations)), ((1, 1), (0, 0)))  # into each frame
+    leap = np.pad(jumps(np.asarray(known(motion.rotations))), ((1, 1), (0, 0)))  # into each frame
     near = max(1, round(_NEAR * float(motion.fps)))
     grown = mask.copy()
     for joint in np.flatnonzero(mask.any(axis=0)):

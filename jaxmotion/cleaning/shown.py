@@ -89,7 +89,10 @@ class Shown:
             made.append(middle(together))
             there.append(together.counts.any(axis=1))
         frames = len(self.leans)
-        return tuple(at_every_frame(np.concatenate(x), frames, setting.step) for x in (made, there))
+        shown, known = (
+            at_every_frame(np.concatenate(x), frames, setting.step) for x in (made, there)
+        )
+        return shown, known
 
     def _nearest_end(
         self, column: int, first: int, last: int, beside: Bool[np.ndarray, "2"]

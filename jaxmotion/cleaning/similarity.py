@@ -1,6 +1,7 @@
-"""Which clips are most like one: the context that errors are found beside.
+"""How alike clips are, by their words and by their frames alone.
 
-    d(X, Y) = mean over frames x of X of the least D(x, y) over frames y of Y
+    words     mean over words of X of the distance of the nearest word of Y (:func:`nearest_words`)
+    frames    mean over frames x of X of the least D(x, y) over frames y of Y
 
 D is :func:`jaxmotion.timing.pose_distance` of what words are made of (the body without its place
 and its yaw), of the joints that tell, one of eight joint terms left out. Clips are compared at
@@ -19,9 +20,10 @@ from jaxtyping import Array, Float
 
 from jaxmotion._checks import static, traced
 from jaxmotion._posture import upright
-from jaxmotion.cleaning.digression import FPS
+from jaxmotion.cleaning.digression import TARGET, WORD, thinned
 from jaxmotion.cleaning.groups import joint_groups, one_skeleton
 from jaxmotion.cleaning.missing import filled
+from jaxmotion.cleaning.neighbours import nearest_words
 from jaxmotion.cleaning.words import texture
 from jaxmotion.frames.padding import LONGEST, padded, program_size
 from jaxmotion.motion import Motion
@@ -54,7 +56,7 @@ def most_alike(motion: Motion, clips: Sequence[Motion], many: int = 8) -> tuple[
     if traced(motion, clips):
         raise ValueError("most_alike: a clip is traced; call it outside of jit and vmap")
     whole = [filled("most_alike", clip)[0] for clip in (motion, *clips)]
-    own, *others = (thinned(clip) for clip in one_skeleton("most_alike", whole))
+    own, *others = (light(clip) for clip in one_skeleton("most_alike", whole))
     joints = joint_groups(own).get("whole", ())
     if not joints:
         return tuple(range(min(many, len(others))))
@@ -68,12 +70,11 @@ def most_alike(motion: Motion, clips: Sequence[Motion], many: int = 8) -> tuple[
     return tuple(np.argsort(far, kind="stable")[:many].tolist())
 
 
-def thinned(motion: Motion) -> Motion:
+def light(motion: Motion) -> Motion:
     """Every so many-th frame, about 24 a second, in single precision."""
-    step = max(1, round(float(motion.fps) / FPS))
-    single = jax.tree.map(lambda x: np.asarray(x, np.float32), motion)
-    parts = (x[::step] for x in (single.translations, single.rotations))
-    return single.replace(frame_time=step * single.frame_time).with_transforms(*parts)
+    _, (thin,) = thinned([motion])
+    single = jax.tree.map(lambda x: np.asarray(x, np.float32), thin)
+    return single.with_transforms(single.translations, single.rotations)
 
 
 def _distance(x: np.ndarray, y: np.ndarray) -> float:
@@ -92,6 +93,35 @@ def _distance(x: np.ndarray, y: np.ndarray) -> float:
 
 def _tiles(x: Any) -> list[Any]:
     return [x[begin : begin + LONGEST] for begin in range(0, len(x), LONGEST)]
+
+
+@static("joints")
+def sequence_distance(
+    motion: Motion, other: Motion, *, joints: str | Sequence[int | str] | None = "whole"
+) -> float:
+    """How far what a clip does is from what another does: 0 where all its words are in it, too.
+
+    On the host; not differentiable, not under ``jit``. Source: Aristidou et al. 2018, §7.
+
+    **Arguments:** ``motion``, ``other``: clips of the same joints, at any rate; ``joints``: as
+    :func:`motion_words`.
+    **Returns:** the mean over the clip's words of the distance of the nearest word of the other,
+    squared half-angle radians; infinite where one of them is too short for words.
+    **Raises:** ``ValueError`` for what is traced or not finite, clips of other joints.
+
+    **Example:**
+
+        >>> import jaxmotion as jm
+        >>> walk, run = (jm.samples.load(x, fps=24.0).motion for x in ("walk", "run"))
+        >>> far = [jm.cleaning.sequence_distance(walk[:40], x) for x in (walk[40:], run)]
+        >>> far[0] < far[1]
+        True
+    """
+    _, (own, another) = thinned(one_skeleton("sequence_distance", [motion, other]))
+    found = nearest_words(
+        own, another, k=1, length=WORD, target=TARGET, joints=joints, own=False
+    ).distance
+    return float(np.mean(found)) if found.size else float("inf")
 
 
 @partial(jax.jit, static_argnames="trim")

@@ -5,6 +5,7 @@ clips compiles each of these once or twice. O(T·J).
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -42,14 +43,14 @@ def turned(q: Rotations, v: Float[np.ndarray, "time *rest 3"]) -> Rotations:
     return _over_frames(_turned, q, v)
 
 
-def mean_rotation(q: Rotations) -> Float[np.ndarray, "*rest 4"]:
+def mean_rotation(q: Any) -> Float[np.ndarray, "*rest 4"]:
     """Chordal mean over the frames."""
     size = program_size(len(q))
     counts = (np.arange(size) < len(q)).astype(q.dtype)
     return np.asarray(_mean(padded(q, size), counts))
 
 
-def _over_frames(function: Callable, *clips: np.ndarray) -> np.ndarray:
+def _over_frames(function: Callable, *clips: Any) -> np.ndarray:
     frames = len(clips[0])
     if not frames:
         return np.asarray(function(*clips))

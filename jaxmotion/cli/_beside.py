@@ -77,13 +77,13 @@ class Shelf:
 
     def _most_alike(self, place: Path, motion: "Motion") -> tuple[Path, ...]:
         from jaxmotion.cleaning import most_alike
-        from jaxmotion.cleaning.similarity import thinned
+        from jaxmotion.cleaning.similarity import light
 
         if place not in self._alike:
             joints = motion.skeleton.names
             others = [x for x, names in self._names.items() if x != place and names == joints]
             copies = [copy for other in others if (copy := self._copy(other)) is not None]
-            found = most_alike(thinned(motion), copies, _MANY) if others else ()
+            found = most_alike(light(motion), copies, _MANY) if others else ()
             self._alike[place] = tuple(others[number] for number in found)
         return self._alike[place]
 
@@ -97,10 +97,10 @@ class Shelf:
         return self._levels[place]
 
     def _copied(self, place: Path) -> "Motion | None":
-        from jaxmotion.cleaning.similarity import thinned
+        from jaxmotion.cleaning.similarity import light
 
         try:
-            return thinned(self._clip(place))
+            return light(self._clip(place))
         except Exception:  # it is told of where it is an input
             return None
 

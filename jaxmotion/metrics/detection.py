@@ -77,7 +77,7 @@ def detection_scores(
         )
     check_sizes("detection_scores", length, stride)
     frames = word_starts(len(a), length, stride)[:, None] + np.arange(length)
-    in_word, wrong = (x.any(axis=1)[frames].any(axis=1) for x in (a, b))
+    in_word, wrong = (np.any(np.any(x, axis=1)[frames], axis=1) for x in (a, b))
     return DetectionScores(
         _share(in_word & wrong, wrong),
         _share(in_word & wrong, in_word),

@@ -6,7 +6,7 @@ import pytest
 
 import jaxmotion as jm
 from jaxmotion.cleaning import joint_groups, most_alike
-from jaxmotion.cleaning.similarity import _distance, thinned
+from jaxmotion.cleaning.similarity import _distance, light
 from jaxmotion.cleaning.words import texture
 from tests.cleaning.clips import frame_distance, repeating
 
@@ -55,7 +55,7 @@ def test_tiles_change_nothing(monkeypatch):
 
 def test_frames_are_thinned():
     walk = jm.samples.load("walk", fps=120.0, num_frames=50).motion
-    few = thinned(walk)
+    few = light(walk)
     assert (few.num_frames, few.dtype) == (10, np.float32)
     assert float(few.fps) == pytest.approx(24)
     np.testing.assert_allclose(few.rotations, np.asarray(walk.rotations)[::5], atol=1e-6)
