@@ -21,6 +21,8 @@ K = 3
 def given():
     """A clip with errors, its context, what was found, and what is wrong."""
     motion = turned(pacing(0, 80), 2, np.arange(30, 42), [1.0, 0, 0])
+    motion = turned(motion, 3, np.arange(6), [1.2, 0, 0])
+    motion = turned(motion, 1, np.arange(70, 80), [0, 0, 1.2])
     context = [pacing(1, 60), pacing(2, 50)]
     wrong = np.zeros((80, 5), bool)
     wrong[30:42, 2] = wrong[:6, 3] = wrong[70:, 1] = True
