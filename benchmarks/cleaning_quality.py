@@ -4,7 +4,7 @@
 
 BANDAI holds Bandai Namco's clips, ``walk_tired_001.bvh``. Those of walk, run, walk-left and
 walk-right are cleaned, at their 30 frames a second, each beside the 8 others of its half that are
-most like it (mean distance of its frames to their nearest). The halves are by style:
+most like it (``jm.cleaning.most_alike``). The halves are by style:
 
     chosen   active, angry, childish, chimpira, feminine, happy
     held     masculinity, normal, old, proud, sad, tired
@@ -25,6 +25,8 @@ the mean angle in the joint-frames in error, the largest, and Eq. 2 of Aristidou
 """
 
 import argparse
+import sys
+from functools import cache
 from pathlib import Path
 
 import jax
@@ -33,7 +35,7 @@ import numpy as np
 
 import jaxmotion as jm
 from jaxmotion.cleaning.missing import bridged
-from jaxmotion.cleaning.words import texture, word_starts
+from jaxmotion.cleaning.words import word_starts
 
 CHOSEN = ["active", "angry", "childish", "chimpira", "feminine", "happy"]
 HELD = ["masculinity", "normal", "old", "proud", "sad", "tired"]
@@ -51,18 +53,6 @@ def load(folder, styles):
             if path.stem.split("_")[1] in styles:
                 clips[path.stem] = jm.load(path, dtype=np.float32)
     return clips
-
-
-def most_alike(clips, name, joints):
-    own = jnp.asarray(texture(clips[name], joints))
-    far = {
-        other: float(
-            jm.timing.pose_distance(own, jnp.asarray(texture(clip, joints)), trim=2).min(1).mean()
-        )
-        for other, clip in clips.items()
-        if other != name
-    }
-    return sorted(far, key=far.get)[:8]
 
 
 def damaged(motion, kind, key):
@@ -85,19 +75,26 @@ def damaged(motion, kind, key):
     )
 
 
-def trials(clips, seeds):
-    """Every damaged clip: what it is, and what every method finds in it."""
-    joints = jm.cleaning.joint_groups(list(clips.values()))["whole"]
-    alike = {name: most_alike(clips, name, joints) for name in clips}
-    levels = {
-        name: jm.cleaning.clean_levels(clip, [clips[x] for x in alike[name]])
-        for name, clip in clips.items()
-    }
-    for name, clip in clips.items():
-        if clip.num_frames < LEAST:
-            continue
-        context = [clips[x] for x in alike[name]]
-        usual = [levels[x] for x in alike[name]]
+def trials(clips, seeds, stride):
+    """Damaged clips, of every so many-th: what each is, and its context."""
+    others = {name: [x for x in clips if x != name] for name in clips}
+
+    @cache
+    def alike(name):
+        found = jm.cleaning.most_alike(clips[name], [clips[x] for x in others[name]])
+        return [others[name][i] for i in found]
+
+    @cache
+    def levels(name):
+        return jm.cleaning.clean_levels(clips[name], [clips[x] for x in alike(name)])
+
+    long = [name for name, clip in clips.items() if clip.num_frames >= LEAST]
+    for name in long[::stride]:
+        clip = clips[name]
+        context = [clips[x] for x in alike(name)]
+        usual = [levels(x) for x in alike(name)]
+        jax.clear_caches()  # every length compiles its own errors and baselines
+        print(name, file=sys.stderr)
         for kind in ("clean", "hard", *SOFT):
             for seed in range(1 if kind == "clean" else seeds):
                 key = jax.random.fold_in(jax.random.key(seed), sum(name.encode()))
@@ -190,12 +187,9 @@ def main():
     halves = halves if args.styles == "all" else {args.styles: halves[args.styles]}
     rows, fixed = {}, {}
     for styles in halves.values():
-        for n, (name, kind, clip, case, context, usual) in enumerate(
-            trials(load(args.folder, styles), args.seeds)
-        ):
-            if (n // (1 + 5 * args.seeds)) % args.stride:
-                continue
-            size = jm.metrics.turn(clip.rotations, case.motion.rotations)
+        drawn = trials(load(args.folder, styles), args.seeds, args.stride)
+        for name, kind, clip, case, context, usual in drawn:
+            size = np.asarray(case.change)
             for method, mask in methods(case, context, usual):
                 found = words(mask, case, size)
                 row = (name, np.full(len(found[0]), kind), *found)
@@ -212,9 +206,7 @@ def main():
             for share, line in zip(("5 %", "95 %"), bootstrapped(found, rng), strict=True):
                 print(f"{share:>24s}" + "".join(f"{x:11.3f}" for x in line))
             print("    by kind, .1-.3 .3-.5 ≥.5:", np.round(summed(found)[6:], 2))
-    print(
-        f"\n{'':24s}" + "".join(f"{x:>11s}" for x in TITLES)
-    )
+    print(f"\n{'':24s}" + "".join(f"{x:>11s}" for x in TITLES))
     for method, values in fixed.items():
         print(f"{method:24s}" + "".join(f"{x:11.4f}" for x in np.mean(values, axis=0)))
 

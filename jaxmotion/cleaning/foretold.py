@@ -8,8 +8,8 @@ its median,
 
 B by ridge regression over the frames of the clip, weighted, and of its context. What is foretold of
 a frame comes from a B that its neighbourhood had no part in (blocks of 30 frames), or an error
-would foretell itself; and rows far from what is foretold count for less (two rounds of Cauchy
-weights). NumPy on the host: O(T·J²) for the sums, O(T·J⁴) for the systems.
+would foretell itself; it is made twice, the second time with Cauchy weights by how far rows were
+from what the first foretold. NumPy on the host: O(T·J²) for the sums, O(T·J⁴) for the systems.
 """
 
 from collections.abc import Sequence

@@ -51,7 +51,7 @@ def clean_levels(motion: Motion, context: Motion | Sequence[Motion] = (), *, k: 
         >>> import jaxmotion as jm
         >>> walk = jm.samples.load("walk", fps=24.0, num_frames=96).motion
         >>> jm.cleaning.clean_levels(walk)
-        Levels(24 joints)
+        Levels(22 joints)
     """
     evidence = examined("clean_levels", motion, context, k)
     joints = np.array(evidence.setting.joints, int)

@@ -1,6 +1,6 @@
 """Errors repaired: joints put where the body has them elsewhere in words like this one.
 
-The mask, found or given, is grown at both ends of each run to the largest jump near by. There
+A mask that was found is grown at both ends of each run to the largest jump near by. There
 
     q′(t) = M(t) exp(e(t)),     e from log(M⁻¹ q) of the frame before the run to the one after it
 

@@ -123,7 +123,7 @@ def texture(
     points up, by default the one that does most of the time."""
     body, chosen = body_of(motion), np.array(joints, int)
     if body not in joints:
-        return motion.rotations[:, chosen]
+        return jax.device_put(motion.rotations[:, chosen])
     room = room_for(motion)
     leans = room.cut(_lean(room.fill(motion), upright(motion) if stands is None else stands))
     if traced(leans):

@@ -77,13 +77,17 @@ class Shelf:
 
     def _most_alike(self, place: Path, motion: "Motion") -> tuple[Path, ...]:
         from jaxmotion.cleaning import most_alike
+        from jaxmotion.cleaning.digression import WORD
         from jaxmotion.cleaning.similarity import light
 
         if place not in self._alike:
             joints = motion.skeleton.names
-            others = [x for x, names in self._names.items() if x != place and names == joints]
-            copies = [copy for other in others if (copy := self._copy(other)) is not None]
-            found = most_alike(light(motion), copies, _MANY) if others else ()
+            matching = [x for x, names in self._names.items() if x != place and names == joints]
+            copies = {x: copy for x in matching if (copy := self._copy(x)) is not None}
+            # A clip too short for a word shows nothing.
+            copies = {x: copy for x, copy in copies.items() if copy.num_frames >= WORD}
+            found = most_alike(light(motion), list(copies.values()), _MANY) if copies else ()
+            others = list(copies)
             self._alike[place] = tuple(others[number] for number in found)
         return self._alike[place]
 
