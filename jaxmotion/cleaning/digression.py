@@ -86,8 +86,9 @@ def digression_map(
     On the host; not differentiable, not under ``jit``.
 
     **Arguments:** ``motion``: one clip, T frames; ``context``: clips of the same joints at any
-    rate; ``k``: how many neighbours of each word; ``normalise``: "scale" or "row_mean", of the
-    MDM, as the module says; ``scale``: s, radians, one number or f[J]; ``metric``: what words are
+    rate; ``k``: how many neighbours of each word; ``normalise``: "scale", an MDM of ½ where a joint
+    is s from its neighbours' mean, or "row_mean", the paper's, where it is 0.83 times as far as it
+    is on average; ``scale``: s, radians, one number or f[J]; ``metric``: what words are
     compared by, as :func:`nearest_words`; ``progress``: called with how many words are done, and
     how many there are, of all groups.
     **Returns:** :class:`Digression`.

@@ -24,7 +24,6 @@ _BLOCK = 30  # frames
 _OWN = 5.0  # weight of a frame of the clip itself
 _RIDGE = 0.05  # radians
 _FAR = 0.15  # radians, where a row's weight is half
-_ROUNDS = 2
 
 
 def foretold_residual(
@@ -81,14 +80,14 @@ def _of_joint(x, features, every, rows, counts, taught) -> np.ndarray:
     blocks = max(1, -(-len(rows) // _BLOCK))
     block = np.arange(len(rows)) * blocks // len(rows)
     of_frame = block[np.minimum(np.searchsorted(rows, np.arange(len(x)), "right") - 1, len(rows))]
-    residual = np.empty_like(x)
-    weights = counts
-    for _ in range(_ROUNDS):
+
+    def without_own_block(weights: np.ndarray) -> np.ndarray:
         gram, moment, known = taught
         weighted = features * weights[:, None]
         gram = gram + features.T @ weighted
         moment = moment + weighted.T @ x[rows]
         total = known + weights.sum()
+        residual = np.empty_like(x)
         for b in range(blocks):
             held = block == b
             system = gram - features[held].T @ weighted[held]
@@ -96,5 +95,7 @@ def _of_joint(x, features, every, rows, counts, taught) -> np.ndarray:
             right = moment - weighted[held].T @ x[rows[held]]
             here = of_frame == b
             residual[here] = x[here] - every[here] @ np.linalg.solve(system, right)
-        weights = counts / (1 + np.sum(residual[rows] ** 2, axis=-1) / _FAR**2)
-    return residual
+        return residual
+
+    first = without_own_block(counts)
+    return without_own_block(counts / (1 + np.sum(first[rows] ** 2, axis=-1) / _FAR**2))

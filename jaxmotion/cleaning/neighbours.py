@@ -21,7 +21,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -140,7 +140,7 @@ def nearest_words(
         raise ValueError(f"{caller}: trim={trim}; expected less than the {len(chosen)} joints")
     stands = upright(motion)
     seen = texture if metric == "pose" else points
-    textures: list[Any] = [seen(clip, chosen, stands) for clip in clips]
+    textures = [seen(clip, chosen, stands) for clip in clips]
     pool = pooled(textures, shape, own=own)
     starts = word_starts(motion.num_frames, length, stride)
     search = partial(_search, textures[0], pool, int(k), shape, int(trim), pairs, own)

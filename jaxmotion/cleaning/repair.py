@@ -130,7 +130,8 @@ def repair(
       are not finite are repaired either way.
     - ``contacts``: of the clip as it should be, whose points limbs are brought back to.
     - ``joint_mask``: bool[J], which joints may be changed; by default all.
-    - ``method``: "median", "medoid" or "nearest_end", as the module says.
+    - ``method``: what is put in place of a joint: the componentwise "median" of what neighbours
+      show, their "medoid", or the one neighbour whose ends fit best, "nearest_end".
     - ``blend``: "residual", or "savgol" for the paper's filter of 9 frames over the edges, which
       changes 4 frames beside each run as well.
 

@@ -21,7 +21,7 @@ from jax import lax
 from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 
-from jaxmotion._checks import one_number, require, static
+from jaxmotion._checks import no_module, one_number, require, static
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.timing import pose_distance
 
@@ -60,6 +60,8 @@ def soft_word_distances(
         (2, 14)
     """
     caller = "soft_word_distances"
+    for name, x in (("words", words), ("targets", targets)):
+        no_module(f"{caller}: {name}", x)
     words, targets = jnp.asarray(words), jnp.asarray(targets)
     for name, x in (("words", words), ("targets", targets)):
         if x.ndim != 4 or x.shape[-1] != 4 or x.shape[2] != words.shape[2]:
@@ -97,6 +99,7 @@ def soft_neighbours(
         [0.5, 0.0, 0.5, 0.0]
     """
     caller = "soft_neighbours"
+    no_module(f"{caller}: distances", distances)
     d = jnp.asarray(distances)
     if not (isinstance(k, (int, np.integer)) and d.ndim >= 1 and 1 <= k < d.shape[-1]):
         raise ValueError(f"{caller}: k={k}; expected 1 or more, below the {d.shape[-1:]} targets")
@@ -121,6 +124,7 @@ def soft_mask(
         >>> jm.cleaning.soft_mask([0.1, 0.5, 2.0]).round(3).tolist()
         [0.0, 0.5, 1.0]
     """
+    no_module("soft_mask: digression", digression)
     m = jnp.asarray(digression)
     m = m if jnp.issubdtype(m.dtype, jnp.floating) else m.astype(float)
     wanted = one_number("soft_mask: width", width)

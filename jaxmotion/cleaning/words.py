@@ -140,19 +140,19 @@ def _lean(motion: Motion, stands: Vector3) -> Float[Array, "time 4"]:
 
 def points(
     motion: Motion, joints: tuple[int, ...], stands: Vector3
-) -> Float[np.ndarray, "time joint 6"]:
+) -> Float[Array, "time joint 6"]:
     """Positions of the joints as seen from the body's place on the ground and its yaw, and their
     velocities times 0.1 s, in the file's unit."""
     room = room_for(motion)
-    seen = room.cut(_seen(room.fill(motion), stands, np.array(joints, int)))
-    return np.asarray(seen)
+    seen = room.cut(_seen(room.fill(motion), stands, joints))
+    return jax.device_put(np.asarray(seen))
 
 
 @eqx.filter_jit
-def _seen(motion: Motion, stands: Vector3, joints: np.ndarray) -> Float[Array, "time joint 6"]:
+def _seen(motion: Motion, stands: Vector3, joints: tuple[int, ...]) -> Float[Array, "time joint 6"]:
     position, yaw, _ = posture(motion, stands)
     flat = 1 - jnp.asarray(axes_of(motion).up, motion.dtype)
-    where = forward_kinematics(motion).positions[:, joints]
+    where = forward_kinematics(motion).positions[:, np.array(joints, int)]
     away = where - (position * flat)[:, None]
     moved = jnp.diff(where, axis=0) * (_PACE / motion.frame_time)
     moved = jnp.concatenate([moved[:1], moved]) if len(moved) else jnp.zeros_like(away)

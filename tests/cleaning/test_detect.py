@@ -171,7 +171,7 @@ def test_runs():
     assert one.confidence == mdm[20:30][mask[20:30]].max()
     assert (mdm[mask].min(), mdm[~mask].max()) > (0, 0)
     assert 0.5 < two.confidence <= 1
-    assert repr(found) == "DetectedErrors(100 frames, 5 joints, 2.6 % in error)"
+    assert repr(found) == "DetectedErrors(100 frames, 5 joints)"
 
 
 def test_where_it_faces_and_the_sign_do_not_matter(drifting, context):

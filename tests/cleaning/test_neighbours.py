@@ -3,8 +3,10 @@
 import jax
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
+from jaxmotion._posture import posture, upright
 from jaxmotion.cleaning import nearest_words, neighbours
 from jaxmotion.cleaning.words import texture
 from tests.cleaning.clips import frame_distance, repeating, word_distance
@@ -244,3 +246,32 @@ def test_what_comes_again_soon():
         turn = jm.quaternion.exp(size * rng.standard_normal((132, 5, 3)))
         rough = again.with_transforms(rotations=jm.quaternion.multiply(again.rotations, turn))
         same(*(nearest_words(rough, joints=None, k=k, pairs=p) for p in ("bounded", "all")))
+
+
+def test_points_in_plain_numpy():
+    """As Chai and Hodgins compare frames: positions and velocities from the body's place."""
+    motion, other = repeating(7, 40), repeating(8, 30)
+    found = nearest_words(
+        motion, other, metric="points", joints=None, own=False, k=1, length=5, target=8
+    )
+    seen = []
+    for clip in (motion, other):
+        world = np.asarray(jm.forward_kinematics(clip).positions)
+        body = world[:, 0] * np.array([1, 0, 1])
+        stands = upright(motion)
+        yaw = np.asarray(posture(clip, stands)[1])
+        moved = np.diff(world, axis=0, prepend=2 * world[:1] - world[1:2]) * float(clip.fps) * 0.1
+        back = Rotation.from_quat(np.roll(yaw, -1, axis=-1)).inv()
+        parts = [
+            np.stack([back.apply(x[:, j]) for j in range(world.shape[1])], axis=1)
+            for x in (world - body[:, None], moved)
+        ]
+        seen.append(np.concatenate(parts, axis=-1))
+    d = np.sum((seen[0][:, None] - seen[1]) ** 2, axis=(-1, -2))
+    for row, start in enumerate(np.asarray(found.starts)):
+        at = [word_distance(d[start : start + 5, t : t + 8], 5) for t in range(23)]
+        assert float(found.distance[row, 0]) == pytest.approx(min(at), rel=1e-8)
+        assert int(found.frame[row, 0]) == int(np.argmin(at))
+    same(*(nearest_words(motion, other, metric="points", pairs=p) for p in ("bounded", "all")))
+    with pytest.raises(ValueError, match="metric"):
+        nearest_words(motion, metric="euler")

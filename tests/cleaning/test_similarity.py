@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.cleaning import joint_groups, most_alike
+from jaxmotion.cleaning import joint_groups, most_alike, nearest_words, sequence_distance
 from jaxmotion.cleaning.similarity import _distance, light
 from jaxmotion.cleaning.words import texture
 from tests.cleaning.clips import frame_distance, repeating
@@ -82,3 +82,15 @@ def test_what_is_refused():
         most_alike(walk, [walk], 0)
     with pytest.raises(ValueError, match="traced"):
         jax.eval_shape(lambda q: most_alike(walk.with_transforms(rotations=q), []), walk.rotations)
+
+
+def test_sequences():
+    """The mean of the nearest words' distances; nothing to a copy, and not the same both ways."""
+    one, other = repeating(0, 60), repeating(1, 70)
+    far = sequence_distance(one, other)
+    words = nearest_words(one, other, k=1, own=False).distance
+    assert far == pytest.approx(float(words.mean()))
+    assert sequence_distance(one[:40], one) < 1e-12 < far
+    assert sequence_distance(other, one) != pytest.approx(far)
+    assert sequence_distance(one[:10], other) == np.inf
+    assert sequence_distance(one, other[:10]) == np.inf
