@@ -3,8 +3,8 @@
     digression   √(M/s · M′/s′) above 1.27, and about such frames all above half of that; M the
                  digression from the neighbours, M′ that from what the other joints foretell
     jump         pairs above 0.42 rad, and above twice what the context shows (the second largest
-                 of its clips), but 0.7 rad at most; the frames about a step of more than 0.7 rad
-                 or 40 rad/s that has no pair
+                 of its clips), but 0.7 rad at most; the frames about a jump of more than 0.7 rad,
+                 or a step of more than 0.42 rad and 40 rad/s, that has no pair
     hold         0.125 s and more
 
     s² = (0.2 rad)² + (the median over the context's clips of their greatest M)²
@@ -231,7 +231,9 @@ def _by_time(evidence: Evidence, usual: _Usual) -> dict[Detector, tuple[np.ndarr
 
 def _sudden(evidence: Evidence, fps: float, told: np.ndarray) -> np.ndarray:
     """How sudden the steps about each frame are, of those that no pair tells of."""
-    step = np.maximum(evidence.jump / _SUDDEN, evidence.speed / _FASTEST)
+    # A small joint may well be fast for the moment of a frame: a foot that comes down.
+    fast = np.where(evidence.speed / fps > _PAIR, evidence.speed / _FASTEST, 0)
+    step = np.maximum(evidence.jump / _SUDDEN, fast)
     step = np.where((step > 1) & ~told[1:] & ~told[:-1], step, 0)
     about = max(1, round(_ABOUT * fps))
     found = np.zeros(told.shape)
