@@ -94,7 +94,7 @@ def test_jumps_are_measured_by_what_is_usual():
 
 
 def test_steps_that_are_not_taken_back():
-    """Of more than 0.7 rad, or 0.42 rad and 40 rad/s: the frames about them, a tenth of a second."""
+    """Of more than 0.7 rad, or both 0.42 rad and 40 rad/s: a tenth of a second about them."""
     silent = [levels_of(9.0, 9.0)]
     for size, rate, about in ((0.9, 24.0, 2), (0.5, 24.0, 0), (0.5, 120.0, 12), (0.4, 120.0, 0)):
         motion = pacing(0, 80, rate=rate)
