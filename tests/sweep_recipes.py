@@ -496,7 +496,8 @@ RECIPES = {
     "metrics.check": measured(lambda f, c: [p.frame or 0 for p in f(c.motion)]),
     "metrics.contact_scores": measured(lambda f, c: f(c.contacts.mask, c.contacts.mask)),
     "metrics.detection_scores": measured(
-        lambda f, c: f(c.contacts.mask, c.contacts.mask, length=2)
+        # Shares of nothing are not numbers.
+        lambda f, c: f(c.contacts.mask, c.contacts.mask, length=2)[-2:]
     ),
     "metrics.difference": measured(lambda f, c: f(c.motion, c.other, world=True)),
     "metrics.duplicate_frames": measured(lambda f, c: f(c.motion)),
