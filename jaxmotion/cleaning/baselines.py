@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from jaxmotion._checks import known, one_of, static
-from jaxmotion.cleaning.groups import one_skeleton
+from jaxmotion.cleaning.groups import as_clips, one_skeleton
 from jaxmotion.cleaning.jumps import turns
 from jaxmotion.motion import Motion
 from jaxmotion.spacetime.joint_limits import learn_limits
@@ -44,7 +44,7 @@ def baseline_errors(
     """
     caller = "baseline_errors"
     one_of(f"{caller}: rule", rule, ("limits", "rates", "both"))
-    _, *clips = one_skeleton(caller, [motion, *([clean] if isinstance(clean, Motion) else clean)])
+    _, *clips = one_skeleton(caller, [motion, *as_clips(clean)])
     if not clips:
         raise ValueError(f"{caller}: no clean clips; expected one at least")
     rotations = known(motion.rotations)

@@ -27,9 +27,10 @@ from jaxmotion._portable import Portable
 from jaxmotion._summary import called, line, some
 from jaxmotion._types import AnyArray
 from jaxmotion.cleaning.digression import Progress
-from jaxmotion.cleaning.jumps import runs
+from jaxmotion.cleaning.groups import as_clips
+from jaxmotion.cleaning.jumps import greatest_about
 from jaxmotion.cleaning.levels import Evidence, Levels, clean_levels, examined, weighed
-from jaxmotion.frames.runs import hysteresis
+from jaxmotion.frames.runs import hysteresis, spans
 from jaxmotion.motion import Motion
 
 Detector: TypeAlias = Literal["digression", "jump", "hold", "missing"]
@@ -88,7 +89,7 @@ class DetectedErrors(Portable):
         told: dict[Detector, Any] = {name: np.asarray(x) for name, x in self.by.items()}
         mdm, size = np.asarray(self.mdm), np.asarray(self.digression)
         made = []
-        for start, stop in runs(np.asarray(mask.any(axis=1))):
+        for start, stop in spans(mask.any(axis=1)):
             here = slice(start, stop)
             made.append(
                 ErrorRun(
@@ -154,7 +155,7 @@ def detected(
     """The errors, and what they were found by."""
     if not isinstance(passes, (int, np.integer)) or passes < 1:
         raise ValueError(f"{caller}: passes={passes!r}; expected a whole number of at least 1")
-    others = [context] if isinstance(context, Motion) else list(context)
+    others = as_clips(context)
     evidence = examined(caller, motion, others, k, progress)
     if levels is not None and any(x.jump.shape != (motion.num_joints,) for x in levels):
         raise ValueError(f"{caller}: levels are not of the motion's {motion.num_joints} joints")
@@ -167,8 +168,11 @@ def detected(
     everywhere = np.any([*(x[0] for x in sure.values())], axis=0) | evidence.missing
     mask = everywhere
     for _ in range(passes):
-        found, score, size = _by_digression(evidence, usual, mask)
+        left_out = mask
+        found, score, size = _by_digression(evidence, usual, left_out)
         mask = everywhere | found
+        if np.array_equal(mask, left_out):
+            break  # another look would be the same
     by: dict[Detector, Any] = {"digression": found, "missing": evidence.missing}
     by |= {name: x[0] for name, x in sure.items()}
     ratios = np.max(np.stack([score / _STRONG, *(x[1] for x in sure.values())]), axis=0)
@@ -236,10 +240,5 @@ def _sudden(evidence: Evidence, fps: float, told: np.ndarray) -> np.ndarray:
     step = np.maximum(evidence.jump / _SUDDEN, fast)
     step = np.where((step > 1) & ~told[1:] & ~told[:-1], step, 0)
     about = max(1, round(_ABOUT * fps))
-    found = np.zeros(told.shape)
-    for shift in range(1 - about, about + 1):
-        # The step from frame t to t + 1 tells of frames t − about + 1 to t + about.
-        low, high = max(0, shift), min(len(told), len(step) + shift)
-        if low < high:
-            found[low:high] = np.maximum(found[low:high], step[low - shift : high - shift])
-    return found
+    # The step from frame t to t + 1 tells of frames t − about + 1 to t + about.
+    return greatest_about(step, range(1 - about, about + 1), len(told))

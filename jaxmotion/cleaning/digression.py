@@ -33,7 +33,7 @@ from jaxmotion._posture import upright
 from jaxmotion._summary import some
 from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.cleaning.elsewhere import elsewhere, mean_texture
-from jaxmotion.cleaning.groups import joint_groups, one_skeleton
+from jaxmotion.cleaning.groups import as_clips, joint_groups, one_skeleton
 from jaxmotion.cleaning.neighbours import Metric, Neighbours, nearest_words
 from jaxmotion.cleaning.turns import between, vectors_between
 from jaxmotion.cleaning.words import texture
@@ -138,7 +138,7 @@ class Setting(NamedTuple):
 
 def settled(caller: str, motion: Motion, context: Motion | Sequence[Motion]) -> Setting:
     """The clip beside its context, at one rate of about 24 frames a second."""
-    others = [context] if isinstance(context, Motion) else list(context)
+    others = as_clips(context)
     clips = one_skeleton(caller, [motion, *others])
     step, thin = thinned(clips)
     groups = joint_groups(clips)

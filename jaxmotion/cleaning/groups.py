@@ -76,9 +76,14 @@ def joint_groups(motions: Motion | Sequence[Motion]) -> dict[str, tuple[int, ...
     return groups
 
 
+def as_clips(motions: Motion | Sequence[Motion]) -> list[Motion]:
+    """One clip, or several, as several."""
+    return [motions] if isinstance(motions, Motion) else list(motions)
+
+
 def one_skeleton(caller: str, motions: Motion | Sequence[Motion]) -> list[Motion]:
     """The clips, finite and known, of the same joints."""
-    clips = [motions] if isinstance(motions, Motion) else list(motions)
+    clips = as_clips(motions)
     if not clips:
         raise ValueError(f"{caller}: no clips; expected one at least")
     for k, clip in enumerate(clips):

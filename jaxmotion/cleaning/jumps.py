@@ -14,9 +14,10 @@ NumPy on the host. T frames, J joints, L frames in 1.3 s: O(T·J·L).
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from jaxmotion.cleaning.turns import angles_between, between, steps
+from jaxmotion.frames.runs import spans
 
 _APART = 1.3  # seconds
 _STILL = 1e-4  # radians a frame
@@ -69,7 +70,7 @@ def held(
     frames, joints = rotations.shape[:2]
     found = np.zeros((frames, joints), int)
     for joint in range(joints):
-        for begin, end in runs(step[:, joint] < _STILL):
+        for begin, end in spans(step[:, joint] < _STILL):
             if end - begin < 2:
                 continue
             elsewhere = [rotations[:begin, joint], rotations[end + 1 :, joint]]
@@ -89,7 +90,11 @@ def _comes_to(pose: Float[np.ndarray, "4"], elsewhere: Sequence[np.ndarray]) -> 
     )
 
 
-def runs(mask: Bool[np.ndarray, " time"]) -> list[tuple[int, int]]:
-    """First and after-last frame of every run of set frames."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+def greatest_about(values: np.ndarray, shifts: range, frames: int) -> np.ndarray:
+    """Of every frame t the greatest of values[t − shift], 0 or False where there is none."""
+    found = np.zeros((frames, *values.shape[1:]), values.dtype)
+    for shift in shifts:
+        low, high = max(0, shift), min(frames, len(values) + shift)
+        if low < high:
+            found[low:high] = np.maximum(found[low:high], values[low - shift : high - shift])
+    return found

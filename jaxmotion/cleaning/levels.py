@@ -12,6 +12,7 @@ from jaxmotion._portable import Portable
 from jaxmotion._summary import some
 from jaxmotion.cleaning.digression import Digressed, Setting, digressed, searched, settled
 from jaxmotion.cleaning.foretold import foretold_residual
+from jaxmotion.cleaning.groups import as_clips
 from jaxmotion.cleaning.jumps import held, jumps, paired, turns
 from jaxmotion.cleaning.missing import filled
 from jaxmotion.cleaning.neighbours import Neighbours
@@ -89,8 +90,7 @@ def examined(
 ) -> Evidence:
     """All that does not depend on what is left out."""
     whole, missing = filled(caller, motion)
-    others = [context] if isinstance(context, Motion) else list(context)
-    setting = settled(caller, whole, [filled(caller, clip)[0] for clip in others])
+    setting = settled(caller, whole, [filled(caller, clip)[0] for clip in as_clips(context)])
     rotations, fps = np.asarray(known(whole.rotations)), float(motion.fps)
     found, jump = searched(setting, k, progress), jumps(rotations)
     rest = [np.asarray(known(clip.rotations)) for clip in setting.clips[1:]]

@@ -34,7 +34,7 @@ from jaxmotion._posture import upright
 from jaxmotion._summary import some
 from jaxmotion._types import AnyArray
 from jaxmotion.cleaning.bound import WordShape
-from jaxmotion.cleaning.groups import one_skeleton
+from jaxmotion.cleaning.groups import as_clips, one_skeleton
 from jaxmotion.cleaning.pairs import Pairs, Pool, frame_distances, pooled
 from jaxmotion.cleaning.words import check_sizes, chosen_joints, points, texture, word_starts
 from jaxmotion.motion import Motion
@@ -47,7 +47,7 @@ _RUN = 3  # of "slope3"
 _WORDS = 32  # a block
 _FIRST = 48  # targets of least bound that are warped first
 _RATES = 0.01  # that rates may differ by
-_TRIMMED = 8  # one joint in so many is left out
+TRIMMED = 8  # one joint in so many is left out
 
 
 class Neighbours(Portable):
@@ -127,7 +127,7 @@ def nearest_words(
     caller = "nearest_words"
     one_of(f"{caller}: pairs", pairs, ("bounded", "all"))
     check_sizes(caller, length, stride)
-    others = [context] if isinstance(context, Motion) else list(context)
+    others = as_clips(context)
     clips = one_skeleton(caller, [motion, *others])
     _check_rates(caller, clips)
     shape = WordShape(length, target, _RUN, target // 2 + 1)
@@ -135,7 +135,7 @@ def nearest_words(
         raise ValueError(f"{caller}: k={k}, target={target}; expected 1 and {length} at least")
     chosen = chosen_joints(caller, motion, joints)
     one_of(f"{caller}: metric", metric, ("pose", "points"))
-    trim = (len(chosen) // _TRIMMED if metric == "pose" else 0) if trim is None else trim
+    trim = (len(chosen) // TRIMMED if metric == "pose" else 0) if trim is None else trim
     if not 0 <= trim < len(chosen):
         raise ValueError(f"{caller}: trim={trim}; expected less than the {len(chosen)} joints")
     stands = upright(motion)

@@ -35,14 +35,15 @@ from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.cleaning.body import as_lean, from_lean
 from jaxmotion.cleaning.detect import DetectedErrors, detected
 from jaxmotion.cleaning.digression import Progress
-from jaxmotion.cleaning.jumps import jumps, runs
+from jaxmotion.cleaning.jumps import jumps
 from jaxmotion.cleaning.levels import Evidence, Levels, examined
-from jaxmotion.cleaning.missing import bridged, filled
+from jaxmotion.cleaning.missing import bridged
 from jaxmotion.cleaning.planted import planted_again
 from jaxmotion.cleaning.savgol import smoothed
 from jaxmotion.cleaning.shown import Method, Shown
 from jaxmotion.cleaning.turns import angles_between, turned, vectors_between
 from jaxmotion.contacts import Contacts
+from jaxmotion.frames.runs import spans
 from jaxmotion.motion import Motion
 
 Blend: TypeAlias = Literal["residual", "savgol"]
@@ -94,7 +95,7 @@ class Repaired(Portable):
         change = angles_between(old, new)
         leaps = [np.pad(jumps(x), ((1, 1), (0, 0))) for x in (old, new)]
         made = []
-        for start, stop in runs(np.asarray(mask.any(axis=1))):
+        for start, stop in spans(mask.any(axis=1)):
             joints = np.flatnonzero(mask[start:stop].any(axis=0))
             largest = [float(np.nan_to_num(x[start : stop + 1, joints]).max()) for x in leaps]
             turn = float(np.nan_to_num(change[start:stop, joints]).max())
@@ -155,24 +156,24 @@ def repair(
     one_clip(caller, motion, on_host=True)
     shape = np.shape(motion.rotations)[:2]
     free = _mask(caller, "joint_mask", joint_mask, shape[1:])
-    whole, missing = filled(caller, motion)
     if mask is None:
         errors, evidence = detected(caller, motion, context, k, levels, 2, progress)
-        wrong = _grown(np.asarray(errors.mask), whole)
+        wrong = _grown(np.asarray(errors.mask), evidence.jump, float(motion.fps))
     else:
-        wrong = _mask(caller, "mask", mask, shape) | missing
+        known_wrong = _mask(caller, "mask", mask, shape)
         errors, evidence = None, examined(caller, motion, context, k, progress)
+        wrong = known_wrong | evidence.missing
     wrong &= free
     if not wrong.any():
         return Repaired(motion, jnp.asarray(wrong), motion, errors)
-    kept, wrong = _put_back(whole, wrong, evidence, method, blend)
+    kept, wrong = _put_back(wrong, evidence, method, blend)
     if contacts is not None:
         kept, wrong = planted_again(kept, contacts, wrong, free)
-    kept = as_given(motion, kept, missing & ~wrong)
+    kept = _as_given(motion, kept, evidence.missing & ~wrong)
     return Repaired(kept, jnp.asarray(wrong), motion, errors)
 
 
-def as_given(given: Motion, made: Motion, still_missing: np.ndarray) -> Motion:
+def _as_given(given: Motion, made: Motion, still_missing: np.ndarray) -> Motion:
     """The motion made, but what is missing and may not be changed missing."""
     if not still_missing.any():
         return made
@@ -191,14 +192,14 @@ def _mask(caller: str, name: str, values: ArrayLike | None, shape: tuple[int, ..
     return np.array(values, bool)
 
 
-def _grown(mask: np.ndarray, motion: Motion) -> np.ndarray:
+def _grown(mask: np.ndarray, jump: np.ndarray, fps: float) -> np.ndarray:
     """The mask, the ends of its runs moved out to the largest jump near by, or by a frame."""
-    leap = np.pad(jumps(np.asarray(known(motion.rotations))), ((1, 1), (0, 0)))  # into each frame
-    near = max(1, round(_NEAR * float(motion.fps)))
+    leap = np.pad(jump, ((1, 1), (0, 0)))  # into each frame
+    near = max(1, round(_NEAR * fps))
     grown = mask.copy()
     for joint in np.flatnonzero(mask.any(axis=0)):
         into = leap[:, joint]
-        for start, stop in runs(mask[:, joint]):
+        for start, stop in spans(mask[:, joint]):
             before = into[max(start - near, 0) : start + near + 1]
             first = max(start - near, 0) + int(before.argmax())
             after = into[max(stop - near, 0) : stop + near + 1]
@@ -210,14 +211,15 @@ def _grown(mask: np.ndarray, motion: Motion) -> np.ndarray:
 
 
 def _put_back(
-    motion: Motion, wrong: np.ndarray, evidence: Evidence, method: Method, blend: Blend
+    wrong: np.ndarray, evidence: Evidence, method: Method, blend: Blend
 ) -> tuple[Motion, np.ndarray]:
     """The motion with what is wrong replaced, and what was replaced."""
+    motion = evidence.setting.motion
     leans = as_lean(motion)
     made = bridged(leans, ~wrong)
     shown = Shown(evidence, wrong, leans, method)
     for joint in np.flatnonzero(wrong.any(axis=0)).tolist():
-        for start, stop in runs(wrong[:, joint]):
+        for start, stop in spans(wrong[:, joint]):
             poses = shown.over(joint, start, stop)
             if poses is None:
                 continue

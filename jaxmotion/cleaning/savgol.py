@@ -3,6 +3,9 @@
 import numpy as np
 from jaxtyping import Bool, Float
 
+from jaxmotion.cleaning.jumps import greatest_about
+from jaxmotion.cleaning.turns import on_one_hemisphere
+
 _WINDOW = 9  # frames
 
 
@@ -15,23 +18,12 @@ def smoothed(
     half, frames = _WINDOW // 2, len(rotations)
     powers = np.arange(-half, half + 1)[:, None] ** np.arange(3)
     weights = np.linalg.pinv(powers)[0].astype(rotations.dtype)
-    q = _signs_along(rotations)
+    q = on_one_hemisphere(rotations)
     before, after = q[half:0:-1], q[-2 : -half - 2 : -1]
     fit = min(half, len(before)), min(half, len(after))
     q = np.concatenate([2 * q[:1] - before, q, 2 * q[-1:] - after])
     at = np.clip(np.arange(frames)[:, None] + np.arange(_WINDOW) - half + fit[0], 0, len(q) - 1)
     fitted = np.einsum("w,twjc->tjc", weights, q[at])
     fitted /= np.linalg.norm(fitted, axis=-1, keepdims=True)
-    wide = np.zeros_like(mask)
-    for shift in range(-half, half + 1):
-        low, high = max(0, shift), min(frames, frames + shift)
-        if low < high:
-            wide[low:high] |= mask[low - shift : high - shift]
+    wide = greatest_about(mask, range(-half, half + 1), frames)
     return np.where(wide[..., None], fitted, rotations), wide
-
-
-def _signs_along(q: np.ndarray) -> np.ndarray:
-    """The same rotations, each on the hemisphere of the one before."""
-    flips = np.sum(q[1:] * q[:-1], axis=-1) < 0
-    signs = np.concatenate([np.zeros(q[:1].shape[:-1], bool), np.cumsum(flips, axis=0) % 2 == 1])
-    return np.where(signs[..., None], -q, q)

@@ -23,13 +23,11 @@ from jaxmotion._posture import upright
 from jaxmotion.cleaning.digression import TARGET, WORD, thinned
 from jaxmotion.cleaning.groups import joint_groups, one_skeleton
 from jaxmotion.cleaning.missing import filled
-from jaxmotion.cleaning.neighbours import nearest_words
+from jaxmotion.cleaning.neighbours import TRIMMED, nearest_words
 from jaxmotion.cleaning.words import texture
 from jaxmotion.frames.padding import LONGEST, padded, program_size
 from jaxmotion.motion import Motion
 from jaxmotion.timing import pose_distance
-
-_TRIMMED = 8  # one joint in so many is left out, as of words
 
 
 @static("many")
@@ -74,12 +72,13 @@ def light(motion: Motion) -> Motion:
     """Every so many-th frame, about 24 a second, in single precision."""
     _, (thin,) = thinned([motion])
     single = jax.tree.map(lambda x: np.asarray(x, np.float32), thin)
+    # Made anew, so that what motions keep in JAX's arrays is.
     return single.with_transforms(single.translations, single.rotations)
 
 
 def _distance(x: np.ndarray, y: np.ndarray) -> float:
     """Mean distance of frames of x f[n, J, 4] from their nearest of y f[m, J, 4]."""
-    trim = x.shape[1] // _TRIMMED
+    trim = x.shape[1] // TRIMMED
     total = 0.0
     for part in _tiles(x):
         filled_up = padded(part, program_size(len(part)))

@@ -23,7 +23,7 @@ from jaxmotion._posture import body_of
 from jaxmotion.cleaning.body import as_lean, from_lean
 from jaxmotion.cleaning.digression import thinned
 from jaxmotion.cleaning.foretold import about
-from jaxmotion.cleaning.groups import one_skeleton
+from jaxmotion.cleaning.groups import as_clips, one_skeleton
 from jaxmotion.cleaning.turns import mean_rotation, turned, vectors_between
 from jaxmotion.cleaning.words import chosen_joints
 from jaxmotion.motion import Motion
@@ -59,7 +59,7 @@ def reconstruct_sparse(
     """
     caller = "reconstruct_sparse"
     finite_clip(caller, motion, on_host=True)
-    others = [corpus] if isinstance(corpus, Motion) else list(corpus)
+    others = as_clips(corpus)
     if not others:
         raise ValueError(f"{caller}: the corpus is empty; expected one clip at least")
     clips = one_skeleton(caller, [motion, *others])

@@ -38,6 +38,11 @@ def between(a: Rotations, b: Rotations, way: Float[np.ndarray, "time *rest"]) ->
     return _over_frames(quaternion.slerp, a, b, way)
 
 
+def on_one_hemisphere(q: Rotations) -> Rotations:
+    """The same rotations, the sign of each nearer to the one before."""
+    return _over_frames(quaternion.align_signs, q)
+
+
 def turned(q: Rotations, v: Float[np.ndarray, "time *rest 3"]) -> Rotations:
     """q exp(v)."""
     return _over_frames(_turned, q, v)

@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxmotion._summary import brief, called, line
 from jaxmotion.contacts.contact import Contacts, check_contacts
+from jaxmotion.frames.runs import spans
 
 KIND_NAMES = ("free", "point", "line", "plane")
 
@@ -49,10 +50,9 @@ def intervals(contacts: Contacts) -> list[Interval]:
     target, confidence = np.asarray(contacts.target), np.asarray(contacts.confidence)
     found = []
     for c, (name, joint) in enumerate(zip(contacts.names, contacts.joints, strict=True)):
-        edges = np.diff(np.concatenate([[0], mask[:, c].astype(int), [0]]))
-        for first, end in zip(np.flatnonzero(edges > 0), np.flatnonzero(edges < 0), strict=True):
+        for first, end in spans(mask[:, c]):
             x, y, z = (float(v) for v in target[first, c])
             common = KIND_NAMES[np.bincount(kind[first:end, c], minlength=4).argmax()]
             sure = float(confidence[first:end, c].mean())
-            found.append(Interval(name, joint, int(first), int(end) - 1, common, (x, y, z), sure))
+            found.append(Interval(name, joint, first, end - 1, common, (x, y, z), sure))
     return found

@@ -4,6 +4,8 @@ Every function takes bool[T, ...], works on each column by itself, and costs O(T
 loops: the last frame with a property, up to here, is a running maximum of frame numbers.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +14,13 @@ from jaxtyping import Array, Bool, Float, Int, Shaped
 from jaxmotion._types import AnyArray
 
 Mask = Bool[AnyArray, "time point"]
+
+
+def spans(mask: Any) -> list[tuple[int, int]]:
+    """The first frame and the one after the last of every run of a known mask bool[T]; on the
+    host."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(mask, np.int8), [0]])))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def last_before(mask: Bool[AnyArray, "time *rest"]) -> Int[Array, "time *rest"]:

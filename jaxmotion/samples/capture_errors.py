@@ -24,8 +24,7 @@ from jaxmotion.samples.error_runs import (
     check_range,
     check_runs,
     draw_runs,
-    scaled,
-    unit_vectors,
+    turn_vectors,
 )
 
 
@@ -77,7 +76,7 @@ def swap_markers(
 @compiled
 def _drift(motion, key, runs, rate, length, joints):
     drawn = draw_runs(motion, key, runs, length, joints)
-    v = drawn.spread(unit_vectors(drawn.spare) * scaled(drawn.spare[:, 2:], rate))
+    v = turn_vectors(drawn, rate)
     since = jnp.arange(motion.num_frames)[:, None] + 1 - drawn.spread(drawn.start)
     seconds = since.astype(motion.dtype) * motion.frame_time
     turn = quaternion.exp(jnp.asarray(seconds, motion.dtype)[..., None] * v)
@@ -87,7 +86,7 @@ def _drift(motion, key, runs, rate, length, joints):
 @compiled
 def _swap_markers(motion, key, runs, magnitude, length, joints):
     drawn = draw_runs(motion, key, runs, length, joints)
-    v = drawn.spread(unit_vectors(drawn.spare) * scaled(drawn.spare[:, 2:], magnitude))
+    v = turn_vectors(drawn, magnitude)
     turn = jnp.where(drawn.hit[..., None], quaternion.exp(v), quaternion.identity((), motion.dtype))
     parents = np.array(motion.skeleton.parents)
     above = np.maximum(parents, 0)

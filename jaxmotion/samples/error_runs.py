@@ -51,11 +51,12 @@ def scaled(u, bounds):
     return bounds[0] + (bounds[1] - bounds[0]) * u
 
 
-def unit_vectors(u):
-    """Uniform on the sphere, f[R, 3], of uniform numbers f[R, 2] (Archimedes)."""
-    height, around = 2 * u[:, 0] - 1, 2 * jnp.pi * u[:, 1]
-    flat = jnp.sqrt(1 - height * height)
-    return jnp.stack([flat * jnp.cos(around), flat * jnp.sin(around), height], axis=-1)
+def turn_vectors(drawn: Runs, bounds):
+    """A rotation vector of each run, its length between the bounds, where it rules: [T, J, 3]."""
+    height, around = 2 * drawn.spare[:, 0] - 1, 2 * jnp.pi * drawn.spare[:, 1]
+    flat = jnp.sqrt(1 - height * height)  # Archimedes: uniform on the sphere
+    axis = jnp.stack([flat * jnp.cos(around), flat * jnp.sin(around), height], axis=-1)
+    return drawn.spread(axis * scaled(drawn.spare[:, 2:], bounds))
 
 
 def check_range(who, name, pair):

@@ -38,7 +38,7 @@ from jaxmotion.samples.error_runs import (
     check_runs,
     draw_runs,
     scaled,
-    unit_vectors,
+    turn_vectors,
 )
 from jaxmotion.skeleton import Skeleton
 
@@ -237,7 +237,7 @@ def inject_errors(
 @compiled
 def _offset(motion, key, runs, magnitude, length, joints, ramp):
     drawn = draw_runs(motion, key, runs, length, joints)
-    v = drawn.spread(unit_vectors(drawn.spare) * scaled(drawn.spare[:, 2:], magnitude))
+    v = turn_vectors(drawn, magnitude)
     turn = quaternion.exp(_ramped(drawn, ramp, motion)[..., None] * v)
     return replace_where(motion, drawn.hit, quaternion.multiply(motion.rotations, turn))
 

@@ -8,7 +8,7 @@ from jaxtyping import Bool
 
 from jaxmotion._plain import printable
 from jaxmotion.cleaning import DetectedErrors, Digression
-from jaxmotion.cleaning.jumps import runs
+from jaxmotion.frames.runs import spans
 from jaxmotion.motion import Motion
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def plot_digression(
     ]
     axes.add_collection(LineCollection(edges, colors=_LINE, linewidths=_EDGE), autolim=False)
     above = axes.get_xaxis_transform()
-    for start, stop in runs(np.any(mask, axis=1)):
+    for start, stop in spans(np.any(mask, axis=1)):
         span = ((start - 0.5) * second, (stop - 0.5) * second)
         axes.plot(span, (1.012, 1.012), color=_LINE, lw=3, transform=above, clip_on=False)
     axes.set_xlim(*ends)
@@ -89,7 +89,7 @@ def plot_digression(
 
 
 def _title(mask: Bool[np.ndarray, "time joint"]) -> str:
-    many = len(runs(np.any(mask, axis=1)))
+    many = len(spans(np.any(mask, axis=1)))
     share = f"{100 * mask.mean():.2g} % of joint-frames"
     return f"{many} run{'s' * (many > 1)} of errors, {share}" if many else "no errors found"
 

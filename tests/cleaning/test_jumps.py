@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxmotion.cleaning.jumps import held, jumps, paired, runs, turns
+from jaxmotion.cleaning.jumps import held, jumps, paired, turns
+from jaxmotion.frames.runs import spans
 from tests.cleaning.oracles import jumps_by_hand, paired_by_hand
 from tests.helpers import angle_between, quaternions_by, random_quaternions
 from tests.style.clips import rotations, swaying
@@ -134,7 +135,7 @@ def test_a_body_that_stands_still_holds_nothing():
 
 
 def test_runs():
-    assert runs(np.zeros(4, bool)) == []
-    assert runs(np.ones(4, bool)) == [(0, 4)]
-    assert runs(np.array([1, 0, 1, 1, 0, 1], bool)) == [(0, 1), (2, 4), (5, 6)]
-    assert runs(np.zeros(0, bool)) == []
+    assert spans(np.zeros(4, bool)) == []
+    assert spans(np.ones(4, bool)) == [(0, 4)]
+    assert spans(np.array([1, 0, 1, 1, 0, 1], bool)) == [(0, 1), (2, 4), (5, 6)]
+    assert spans(np.zeros(0, bool)) == []

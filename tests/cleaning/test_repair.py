@@ -273,15 +273,15 @@ def test_few_frames(frames, blend):
 
 def test_ends_of_runs_move_to_the_jumps_near_by(clean):
     """To the largest within a tenth of a second, if that is above 0.1 rad; else by a frame."""
-    motion = turned(clean, 2, RUN, [1.0, 0, 0])
-    grown = _grown(masked((41, 50, 2)), motion)
+    leap = jumps(np.asarray(turned(clean, 2, RUN, [1.0, 0, 0]).rotations))
+    grown = _grown(masked((41, 50, 2)), leap, 24.0)
     np.testing.assert_array_equal(grown, masked((40, 52, 2)))
     # Too far away: two frames at 24 frames a second.
-    np.testing.assert_array_equal(_grown(masked((43, 49, 2)), motion), masked((42, 50, 2)))
+    np.testing.assert_array_equal(_grown(masked((43, 49, 2)), leap, 24.0), masked((42, 50, 2)))
     # A mask does not shrink, and stays within the clip.
-    np.testing.assert_array_equal(_grown(masked((39, 53, 2)), motion), masked((39, 53, 2)))
+    np.testing.assert_array_equal(_grown(masked((39, 53, 2)), leap, 24.0), masked((39, 53, 2)))
     ends = masked((0, 3, 1), (88, 90, 1))
-    np.testing.assert_array_equal(_grown(ends, motion), masked((0, 4, 1), (87, 90, 1)))
+    np.testing.assert_array_equal(_grown(ends, leap, 24.0), masked((0, 4, 1), (87, 90, 1)))
 
 
 def test_planted_points_come_back():
