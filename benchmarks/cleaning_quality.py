@@ -112,6 +112,9 @@ def methods(case, context, usual):
     yield "outlier_weights ≤ 0.1", weights <= 0.1
     map_ = jm.cleaning.digression_map(case.motion, context, k=5, normalise="row_mean")
     yield "the paper's MDM > 0.5", map_.mdm > 0.5
+    for metric in ("pose", "points"):
+        map_ = jm.cleaning.digression_map(case.motion, context, metric=metric)
+        yield f"map, {metric} > 0.5 rad", map_.mdm > 0.5
 
 
 def words(mask, case, size):

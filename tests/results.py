@@ -220,7 +220,7 @@ _MAKERS: dict[str, Callable[[], Any]] = {
     ),
     "Neighbours": lambda: cleaning.Neighbours(
         *(zeros(5, dtype=np.int32), zeros(5, 8, dtype=np.int32), zeros(5, 8, dtype=np.int32)),
-        *(zeros(5, 8), zeros(5, 8, 15, dtype=np.int32), 0.0321, tuple(range(JOINTS))),
+        *(zeros(5, 8), zeros(5, 8, 15, dtype=np.int32), zeros(5), 0.0321, tuple(range(JOINTS))),
     ),
     "Digression": lambda: cleaning.Digression(
         *(zeros(FRAMES, JOINTS), zeros(FRAMES, JOINTS), zeros(FRAMES, JOINTS, 3)),

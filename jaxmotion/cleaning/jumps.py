@@ -1,9 +1,11 @@
 """Joints that jump and that stand still: what errors with hard edges look like.
 
-    jump    how far a step q(t)⁻¹q(t+1) is from the nearest of the step before it, the one after,
-            and the mean of both: 0 of what goes on at its pace
-    pair    of a frame the greatest min(e, e′) over pairs of jumps on both sides of it, at most
-            1.3 seconds apart: what goes away and comes back
+    leap    v = log(s⁻¹ q(t)⁻¹q(t+1)), s the nearest of the step before, the one after, and the mean
+            of both: 0 of what goes on at its pace
+    jump    e = ‖v‖
+    pair    of a frame the greatest min(e, e′) over jumps on both sides of it, at most 1.3 seconds
+            apart, the second of which turns back, within 45° of −v as the joint or as its parent
+            sees it: what goes away and comes back
     hold    of a frame how many steps on end, itself included, turn by less than 10⁻⁴ rad while at
             least half of the joints move; not in a pose that the joint comes to at other times, to
             10⁻³ rad: there it rests, at a limit of its own or of what wrote the file
@@ -16,10 +18,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int
 
-from jaxmotion.cleaning.turns import angles_between, between, steps
+from jaxmotion.cleaning.turns import angles_between, between, rotated, steps, vectors_between
 from jaxmotion.frames.runs import spans
 
 _APART = 1.3  # seconds
+_BACK = np.cos(np.pi / 4)
 _STILL = 1e-4  # radians a frame
 _SAME = 1e-3  # radians
 _MOVING = 0.12  # radians a second
@@ -30,27 +33,42 @@ def turns(rotations: Float[np.ndarray, "time joint 4"]) -> Float[np.ndarray, "st
     return angles_between(rotations[:-1], rotations[1:])
 
 
-def jumps(rotations: Float[np.ndarray, "time joint 4"]) -> Float[np.ndarray, "step joint"]:
-    """The jump of every step, radians; 0 of the first and the last, which have but one beside."""
+def leaps(rotations: Float[np.ndarray, "time joint 4"]) -> Float[np.ndarray, "step joint 3"]:
+    """The leap of every step, radians; 0 of the first and the last, which have but one beside."""
     step = steps(rotations)
-    found = np.zeros(step.shape[:2])
+    found = np.zeros((*step.shape[:2], 3), step.dtype)
     if len(found) > 2:
         before, here, after = step[:-2], step[1:-1], step[2:]
         half = np.full(here.shape[:2], 0.5, here.dtype)
         likely = before, after, between(before, after, half)
-        found[1:-1] = np.min([angles_between(x, here) for x in likely], axis=0)
+        away = np.stack([vectors_between(x, here) for x in likely])
+        nearest = np.linalg.norm(away, axis=-1).argmin(axis=0)
+        found[1:-1] = np.take_along_axis(away, nearest[None, ..., None], axis=0)[0]
     return found
 
 
-def paired(jump: Float[np.ndarray, "step joint"], fps: float) -> Float[np.ndarray, "time joint"]:
+def jumps(rotations: Float[np.ndarray, "time joint 4"]) -> Float[np.ndarray, "step joint"]:
+    """The jump of every step, radians."""
+    return np.linalg.norm(leaps(rotations), axis=-1)
+
+
+def paired(
+    rotations: Float[np.ndarray, "time joint 4"],
+    leap: Float[np.ndarray, "step joint 3"],
+    fps: float,
+) -> Float[np.ndarray, "time joint"]:
     """The pair of every frame, radians."""
-    frames = len(jump) + 1
-    found = np.zeros((frames, jump.shape[1]))
+    frames = len(rotations)
+    jump = np.linalg.norm(leap, axis=-1)
+    way = leap / np.maximum(jump, np.finfo(leap.dtype).tiny)[..., None]
+    ways = way, rotated(rotations[1:], way)
+    found = np.zeros((frames, jump.shape[1]), leap.dtype)
     # From the longest pairs down: of frames a … a + n − 1, between jumps a − 1 and a + n − 1.
     longest = min(round(_APART * fps), frames - 2)
-    inside = np.zeros((0, jump.shape[1]))
+    inside = np.zeros((0, jump.shape[1]), leap.dtype)
     for n in range(longest, 0, -1):
-        pair = np.minimum(jump[:-n], jump[n:])
+        on = np.min([np.einsum("tjx,tjx->tj", x[:-n], x[n:]) for x in ways], axis=0)
+        pair = np.where(on < -_BACK, np.minimum(jump[:-n], jump[n:]), 0)
         pair[: len(inside)] = np.maximum(pair[: len(inside)], inside)
         pair[1 : len(inside) + 1] = np.maximum(pair[1 : len(inside) + 1], inside)
         inside = pair

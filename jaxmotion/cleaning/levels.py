@@ -13,7 +13,7 @@ from jaxmotion._summary import some
 from jaxmotion.cleaning.digression import Digressed, Setting, digressed, searched, settled
 from jaxmotion.cleaning.foretold import foretold_residual
 from jaxmotion.cleaning.groups import as_clips
-from jaxmotion.cleaning.jumps import held, jumps, paired, turns
+from jaxmotion.cleaning.jumps import held, leaps, paired, turns
 from jaxmotion.cleaning.missing import filled
 from jaxmotion.cleaning.neighbours import Neighbours
 from jaxmotion.motion import Motion
@@ -92,10 +92,17 @@ def examined(
     whole, missing = filled(caller, motion)
     setting = settled(caller, whole, [filled(caller, clip)[0] for clip in as_clips(context)])
     rotations, fps = np.asarray(known(whole.rotations)), float(motion.fps)
-    found, jump = searched(setting, k, progress), jumps(rotations)
+    found, leap = searched(setting, k, progress), leaps(rotations)
     rest = [np.asarray(known(clip.rotations)) for clip in setting.clips[1:]]
-    by_time = jump, fps * turns(rotations), paired(jump, fps), held(rotations, fps, rest)
-    return Evidence(setting, found, missing, *by_time)
+    return Evidence(
+        setting,
+        found,
+        missing,
+        jump=np.linalg.norm(leap, axis=-1),
+        speed=fps * turns(rotations),
+        pair=paired(rotations, leap, fps),
+        hold=held(rotations, fps, rest),
+    )
 
 
 def weighed(

@@ -57,7 +57,9 @@ class Neighbours(Portable):
     the word's own clip, from 1 on the context's; ``frame``: i32[W, K], where the neighbour begins
     in it; ``distance``: f[W, K], mean D along the path, squared half-angle radians; ``warp``:
     i32[W, K, N], the clip's frame beside each frame of the word, the middle one of several;
-    ``warped``: the share of all pairs that were warped; ``joints``: their numbers, static.
+    ``left_out``: f[W], the least that a pair can be that was not warped, above every distance of
+    the word: why the answer is exact; inf where all were; ``warped``: the share of all pairs that
+    were; ``joints``: their numbers, static.
     """
 
     starts: Int[AnyArray, " word"]
@@ -65,6 +67,7 @@ class Neighbours(Portable):
     frame: Int[AnyArray, "word k"]
     distance: Float[AnyArray, "word k"]
     warp: Int[AnyArray, "word k frame"]
+    left_out: Float[AnyArray, " word"]
     warped: float
     joints: tuple[int, ...] = eqx.field(static=True)
 
@@ -145,16 +148,13 @@ def nearest_words(
     starts = word_starts(motion.num_frames, length, stride)
     search = partial(_search, textures[0], pool, int(k), shape, int(trim), pairs, own)
     found = _in_blocks(search, starts, progress)
-    clip, frame, distance, warp = (
-        np.concatenate([part[i] for part in found]) if found else empty
-        for i, empty in enumerate(_nothing(k, length, motion.dtype))
-    )
-    tried = sum(part[4] for part in found)
-    warped = tried / max(len(starts) * int(pool.fits.sum()), 1)
-    first, clip, frame, distance, warp = (
-        jnp.asarray(x) for x in (starts.astype(np.int32), clip, frame, distance, warp)
-    )
-    return Neighbours(first, clip, frame, distance, warp, warped, chosen)
+    parts = [part for part, _ in found] or [_nothing(k, length, motion.dtype)]
+    names = "clip", "frame", "distance", "warp", "left_out"
+    columns = zip(names, zip(*parts, strict=True), strict=True)
+    whole = {name: jnp.asarray(np.concatenate(part)) for name, part in columns}
+    warped = sum(many for _, many in found) / max(len(starts) * int(pool.fits.sum()), 1)
+    first = jnp.asarray(starts, jnp.int32)
+    return Neighbours(starts=first, **whole, warped=warped, joints=chosen)
 
 
 def _check_rates(caller: str, clips: Sequence[Motion]) -> None:
@@ -200,9 +200,9 @@ def _search(
     pairs: Tried,
     own: bool,
     starts: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
-    """Clip, frame, distance and warp of the neighbours of a block of words, and how many pairs were
-    warped."""
+) -> tuple[tuple[np.ndarray, ...], int]:
+    """Clip, frame, distance and warp of the neighbours of a block of words, what the least left out
+    can be, and how many pairs were warped."""
     filled = np.append(starts, np.repeat(starts[-1:], _WORDS - len(starts)))
     rows = filled[0] + np.arange(_rows(filled, shape))
     d = frame_distances(words[np.minimum(rows, len(words) - 1)], pool.poses, trim)
@@ -223,8 +223,8 @@ def _search(
         np.where(there, pool.frame[best], -1).astype(np.int32),
         np.where(there, distance, np.inf),
         np.where(there[..., None], warp, -1).astype(np.int32),
-        known.warped,
-    )
+        np.where(allowed & ~known.done, known.least, np.inf).min(axis=1),
+    ), known.warped
 
 
 def _warp_what_may_be_near(known: Pairs, allowed: np.ndarray, k: int) -> None:
@@ -282,4 +282,5 @@ def _least(values: np.ndarray, k: int) -> np.ndarray:
 def _nothing(k: int, length: int, dtype) -> tuple[np.ndarray, ...]:
     """Results of no words."""
     none = np.zeros((0, k), np.int32)
-    return none, none, np.zeros((0, k), dtype), np.zeros((0, k, length), np.int32)
+    far = np.zeros((0, k), dtype)
+    return none, none, far, np.zeros((0, k, length), np.int32), far[:, 0]

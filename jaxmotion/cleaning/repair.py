@@ -12,8 +12,9 @@ M is what the neighbours show (own entries in error left out), by ``method``
 
 e goes linearly; at an end of the clip the other end's holds, and without either it is 0. Joints
 that tell nothing, and frames that nothing is shown of, go the short way between the run's ends. The
-body's yaw goes so too: neighbours face anywhere. With ``contacts``, limbs that were repaired bring
-planted points back to where they are held; ankles and what hangs from them keep their turns.
+body's yaw goes so too: neighbours face anywhere. With ``contacts``, a limb is of that method whose
+planted points are nearest to where they are held, run by run; then it brings them there: ankles and
+what hangs from them keep their turns.
 
 Source: Aristidou et al. 2018, §5, whose quadratic Savitzky–Golay filter over the edges is
 ``blend="savgol"``. O(T·S·J) for S poses shown.
@@ -38,9 +39,9 @@ from jaxmotion.cleaning.digression import Progress
 from jaxmotion.cleaning.jumps import jumps
 from jaxmotion.cleaning.levels import Evidence, Levels, examined
 from jaxmotion.cleaning.missing import bridged
-from jaxmotion.cleaning.planted import planted_again
+from jaxmotion.cleaning.planted import nearest_to_contacts, planted_again
 from jaxmotion.cleaning.savgol import smoothed
-from jaxmotion.cleaning.shown import Method, Shown
+from jaxmotion.cleaning.shown import METHODS, Method, Shown
 from jaxmotion.cleaning.turns import angles_between, turned, vectors_between
 from jaxmotion.contacts import Contacts
 from jaxmotion.frames.runs import spans
@@ -132,7 +133,8 @@ def repair(
     - ``contacts``: of the clip as it should be, whose points limbs are brought back to.
     - ``joint_mask``: bool[J], which joints may be changed; by default all.
     - ``method``: what is put in place of a joint: the componentwise "median" of what neighbours
-      show, their "medoid", or the one neighbour whose ends fit best, "nearest_end".
+      show, their "medoid", or the one neighbour whose ends fit best, "nearest_end". Where
+      ``contacts`` say which of them stands best, of a limb that one.
     - ``blend``: "residual", or "savgol" for the paper's filter of 9 frames over the edges, which
       changes 4 frames beside each run as well.
 
@@ -151,7 +153,7 @@ def repair(
         True
     """
     caller = "repair"
-    one_of(f"{caller}: method", method, ("median", "medoid", "nearest_end"))
+    one_of(f"{caller}: method", method, METHODS)
     one_of(f"{caller}: blend", blend, ("residual", "savgol"))
     one_clip(caller, motion, on_host=True)
     shape = np.shape(motion.rotations)[:2]
@@ -166,9 +168,12 @@ def repair(
     wrong &= free
     if not wrong.any():
         return Repaired(motion, jnp.asarray(wrong), motion, errors)
-    kept, wrong = _put_back(wrong, evidence, method, blend)
+    kept, changed = _put_back(wrong, evidence, method, blend)
     if contacts is not None:
-        kept, wrong = planted_again(kept, contacts, wrong, free)
+        others = (_put_back(wrong, evidence, x, blend)[0] for x in METHODS if x != method)
+        kept = nearest_to_contacts([kept, *others], contacts, changed)
+        kept, changed = planted_again(kept, contacts, changed, free)
+    wrong = changed
     kept = _as_given(motion, kept, evidence.missing & ~wrong)
     return Repaired(kept, jnp.asarray(wrong), motion, errors)
 

@@ -6,7 +6,7 @@ is then, and nothing where that does so as well.
 """
 
 from collections.abc import Iterator
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -19,6 +19,7 @@ from jaxmotion.cleaning.neighbours import Neighbours
 from jaxmotion.cleaning.turns import between, vectors_between
 
 Method: TypeAlias = Literal["median", "medoid", "nearest_end"]
+METHODS: tuple[Method, ...] = get_args(Method)
 
 _CHUNK = 64  # frames
 _FASTEST = 20.0  # radians a second

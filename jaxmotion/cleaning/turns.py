@@ -16,9 +16,10 @@ from jaxmotion import quaternion
 from jaxmotion.frames.padding import padded, program_size
 
 Rotations = Float[np.ndarray, "time *rest 4"]
+Vectors = Float[np.ndarray, "time *rest 3"]
 
 
-def vectors_between(a: Rotations, b: Rotations) -> Float[np.ndarray, "time *rest 3"]:
+def vectors_between(a: Rotations, b: Rotations) -> Vectors:
     """log(a⁻¹ b)."""
     return _over_frames(_vectors_between, a, b)
 
@@ -43,9 +44,16 @@ def on_one_hemisphere(q: Rotations) -> Rotations:
     return _over_frames(quaternion.align_signs, q)
 
 
-def turned(q: Rotations, v: Float[np.ndarray, "time *rest 3"]) -> Rotations:
+def turned(q: Rotations, v: Vectors) -> Rotations:
     """q exp(v)."""
     return _over_frames(_turned, q, v)
+
+
+def rotated(
+    q: Rotations, v: Float[np.ndarray, "time *rest 3"]
+) -> Float[np.ndarray, "time *rest 3"]:
+    """q v q⁻¹."""
+    return _over_frames(quaternion.rotate, q, v)
 
 
 def mean_rotation(q: Any) -> Float[np.ndarray, "*rest 4"]:

@@ -1,5 +1,7 @@
 """The cleaning room's measures in plain loops, NumPy and SciPy."""
 
+from itertools import combinations
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -15,28 +17,46 @@ def mean_of(q):
     return np.linalg.eigh(q.T @ q)[1][:, -1]
 
 
-def jumps_by_hand(q):
+def leaps_by_hand(q):
     """Step by step and joint by joint."""
-    found = np.zeros((len(q) - 1, q.shape[1]))
+    found = np.zeros((len(q) - 1, q.shape[1], 3))
     for j in range(q.shape[1]):
         one = rotations(q[:, j])
         step = [one[t].inv() * one[t + 1] for t in range(len(q) - 1)]
         for t in range(1, len(step) - 1):
             halfway = Rotation.from_rotvec((step[t - 1].inv() * step[t + 1]).as_rotvec() / 2)
             likely = step[t - 1], step[t + 1], step[t - 1] * halfway
-            found[t, j] = min((x.inv() * step[t]).magnitude() for x in likely)
+            away = [x.inv() * step[t] for x in likely]
+            found[t, j] = min(away, key=lambda x: x.magnitude()).as_rotvec()
     return found
 
 
-def paired_by_hand(jump, apart):
-    """Over all pairs of jumps with frames between them."""
-    found = np.zeros((len(jump) + 1, jump.shape[1]))
-    for j in range(jump.shape[1]):
-        for a in range(len(jump)):
-            for b in range(a + 1, min(a + apart, len(jump) - 1) + 1):
+def jumps_by_hand(q):
+    return np.linalg.norm(leaps_by_hand(q), axis=-1)
+
+
+def paired_by_hand(q, leap, apart):
+    """Over all pairs of leaps with frames between them, the second of which turns back."""
+    found = np.zeros(q.shape[:2])
+    jump = np.linalg.norm(leap, axis=-1)
+    for j in range(q.shape[1]):
+        after = rotations(q[1:, j])
+        for a, b in combinations(range(len(leap)), 2):
+            seen = (
+                (leap[a, j], leap[b, j]),
+                (after[a].apply(leap[a, j]), after[b].apply(leap[b, j])),
+            )
+            back = any(-u @ v > np.sqrt(0.5) * jump[a, j] * jump[b, j] for u, v in seen)
+            if back and b - a <= apart:
                 both = min(jump[a, j], jump[b, j])
                 found[a + 1 : b + 1, j] = np.maximum(found[a + 1 : b + 1, j], both)
     return found
+
+
+def pairs_of(motion):
+    """The pairs of a clip's own jumps."""
+    q = np.asarray(motion.rotations)
+    return paired_by_hand(q, leaps_by_hand(q), round(1.3 * float(motion.fps)))
 
 
 def places_by_hand(found, frames):

@@ -11,8 +11,7 @@ from jaxmotion.cleaning.detect import _Usual
 from tests.cleaning.clips import pacing, turned
 from tests.cleaning.oracles import (
     digressing_by_hand,
-    jumps_by_hand,
-    paired_by_hand,
+    pairs_of,
     spread_by_hand,
 )
 from tests.helpers import no_shape_checks
@@ -75,7 +74,7 @@ def test_levels_are_those_of_the_context(drifting, context):
 def test_jumps_are_measured_by_what_is_usual():
     """Twice the second largest of the context, from 0.42 to 0.7 rad."""
     spike = turned(pacing(0, 60), 2, [30], [0.6, 0, 0])
-    pair = paired_by_hand(jumps_by_hand(np.asarray(spike.rotations)), round(1.3 * 24))
+    pair = pairs_of(spike)
     assert 0.5 < pair[30, 2] < 0.69
     for jumps, level in (
         ([0.1], 0.42),

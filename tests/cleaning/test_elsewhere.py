@@ -24,7 +24,7 @@ def neighbours(starts, clip, warp):
     frame = np.asarray(warp)[..., 0]
     numbers = (jnp.asarray(x, jnp.int32) for x in (starts, clip, frame, warp))
     first, clip, frame, warp = numbers
-    return Neighbours(first, clip, frame, jnp.zeros(k), warp, 0.0, (0,))
+    return Neighbours(first, clip, frame, jnp.zeros(k), warp, jnp.zeros(len(starts)), 0.0, (0,))
 
 
 def listed(shown):

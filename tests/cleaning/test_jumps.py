@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxmotion.cleaning.jumps import held, jumps, paired, turns
+from jaxmotion.cleaning.jumps import held, jumps, leaps, paired, turns
 from jaxmotion.frames.runs import spans
-from tests.cleaning.oracles import jumps_by_hand, paired_by_hand
+from tests.cleaning.oracles import jumps_by_hand, leaps_by_hand, paired_by_hand
 from tests.helpers import angle_between, quaternions_by, random_quaternions
 from tests.style.clips import rotations, swaying
 
@@ -23,6 +23,7 @@ def test_turns_and_jumps_in_plain_loops(dtype):
     atol = 1e-10 if dtype == np.float64 else 1e-5
     np.testing.assert_allclose(turns(q), angle_between(q[:-1], q[1:]), atol=atol)
     np.testing.assert_allclose(jumps(q), jumps_by_hand(q), atol=atol)
+    np.testing.assert_allclose(leaps(q), leaps_by_hand(q), atol=atol)
 
 
 def test_what_goes_on_at_its_pace_does_not_jump():
@@ -44,27 +45,54 @@ def test_what_goes_on_at_its_pace_does_not_jump():
 def test_backwards_and_signs():
     q = walk(50)
     np.testing.assert_allclose(jumps(q[::-1]), jumps(q)[::-1], atol=1e-9)
-    np.testing.assert_allclose(
-        paired(jumps(q[::-1]), 30.0), paired(jumps(q), 30.0)[::-1], atol=1e-9
-    )
     signs = np.random.default_rng(2).choice([-1.0, 1.0], (50, 5, 1))
     np.testing.assert_allclose(jumps(signs * q), jumps(q), atol=1e-9)
 
 
 @pytest.mark.parametrize(("frames", "fps"), [(1, 30), (2, 30), (3, 30), (4, 30), (40, 5), (40, 30)])
-def test_pairs_in_plain_loops(frames, fps):
+def test_pairs_in_plain_loops(frames, fps, dtype):
     """1.3 seconds of 5 frames a second are 6 frames: they bind."""
-    jump = np.random.default_rng(frames).uniform(0, 1, (frames - 1, 3))
-    found = paired(jump, float(fps))
-    np.testing.assert_array_equal(found, paired_by_hand(jump, round(1.3 * fps)))
+    rng = np.random.default_rng(frames)
+    q = np.asarray(random_quaternions(rng, (frames, 3))).astype(dtype)
+    leap = rng.standard_normal((frames - 1, 3, 3)).astype(dtype)
+    leap[rng.uniform(size=leap.shape[:2]) < 0.2] = 0
+    found = paired(q, leap, float(fps))
+    assert found.dtype == dtype
+    atol = 1e-12 if dtype == np.float64 else 1e-6
+    np.testing.assert_allclose(found, paired_by_hand(q, leap, round(1.3 * fps)), atol=atol)
+
+
+def spoilt(error, before, size=0.6, begin=10, stop=15):
+    """A joint that turns by 0.3 rad a step about x, off by a rotation about an axis from frame
+    ``begin`` to ``stop``: of its own frame, or of its parent's."""
+    v = np.zeros((30, 1, 3))
+    v[:, 0, 0] = 0.3 * np.arange(30)
+    q = rotations(quaternions_by(v))
+    off = Rotation.from_rotvec(size * np.isin(np.arange(30), range(begin, stop))[:, None] * error)
+    made = off * q if before else q * off
+    return np.roll(made.as_quat(), 1, axis=-1)[:, None]
+
+
+@pytest.mark.parametrize("before", [False, True])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_an_error_of_the_joint_or_of_its_parent_is_a_pair(axis, before):
+    """Though it turns by 1.5 rad meanwhile."""
+    q = spoilt(np.eye(3)[axis], before)
+    for way in (q, q[::-1]):
+        found = paired(way, leaps(way), 24.0)[:, 0]
+        there = np.isin(np.arange(30), range(10, 15))[:: 1 if way is q else -1]
+        np.testing.assert_allclose(found, 0.6 * there, atol=0.05)
 
 
 def test_a_step_that_is_not_taken_back_is_no_pair():
-    jump = np.zeros((30, 1))
-    jump[9] = 1.0
-    assert not paired(jump, 24.0).any()
-    jump[14] = 0.6
-    np.testing.assert_array_equal(paired(jump, 24.0)[:, 0], 0.6 * np.isin(range(31), range(10, 15)))
+    q, leap = spoilt(np.eye(3)[0], False, size=0), np.zeros((29, 1, 3))
+    leap[9, 0, 0] = 1.0
+    assert not paired(q, leap, 24.0).any()
+    for degrees, back in ((0, False), (134, False), (136, True), (180, True), (226, False)):
+        way = np.radians(degrees)
+        leap[14, 0] = 0.6 * np.array([np.cos(way), np.sin(way), 0])
+        found = paired(np.repeat(q[:1], 30, axis=0), leap, 24.0)[:, 0]
+        np.testing.assert_allclose(found, back * 0.6 * np.isin(range(30), range(10, 15)))
 
 
 @pytest.mark.parametrize("frames", [0, 1, 2, 3])

@@ -11,8 +11,7 @@ from tests.cleaning.clips import pacing, turned
 from tests.cleaning.oracles import (
     digression_by_hand,
     foretold_by_hand,
-    jumps_by_hand,
-    paired_by_hand,
+    pairs_of,
 )
 from tests.helpers import no_shape_checks
 from tests.style.clips import swaying
@@ -36,7 +35,7 @@ def test_the_most_of_each(clips, levels):
     foretold = foretold_by_hand(textures, 1, np.zeros((80, 5), bool))
     for found, x in ((levels.digression, residual), (levels.foretold, foretold)):
         np.testing.assert_allclose(found, np.linalg.norm(x, axis=-1).max(axis=0), atol=1e-7)
-    pair = paired_by_hand(jumps_by_hand(np.asarray(motion.rotations)), round(1.3 * 24))
+    pair = pairs_of(motion)
     np.testing.assert_allclose(levels.jump, pair.max(axis=0), atol=1e-7)
     # There and back, by 0.3 rad.
     np.testing.assert_allclose(levels.jump[2], 0.3, atol=0.05)

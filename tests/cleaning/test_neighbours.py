@@ -68,6 +68,28 @@ def test_all_pairs_say_the_same(dtype):
     assert bounded.warped < 0.7 < every.warped == 1
 
 
+def test_what_is_left_out_is_farther():
+    """Than every neighbour; and whatever is nearer than that was warped."""
+    motion, context = repeating(2, 60), [swaying(3, 40)]
+    sizes = {"k": 2, "length": 5, "target": 8, "trim": 1, "joints": None}
+    found = nearest_words(motion, context, **sizes)
+    left_out = np.asarray(found.left_out)
+    assert np.isfinite(left_out).mean() > 0.5
+    assert (left_out > np.asarray(found.distance)[:, -1]).all()
+    poses = [np.asarray(texture(clip, tuple(range(5))), float) for clip in (motion, *context)]
+    nearer, pairs = 0, 0
+    for word, start in enumerate(np.asarray(found.starts)):
+        for number, other in enumerate(poses):
+            d = [[frame_distance(x, y, 1) for y in other] for x in poses[0][start : start + 5]]
+            for t in range(len(other) - 7):
+                pairs += 1
+                if number or abs(t + 4 - start - 2.5) >= 2.5:
+                    nearer += word_distance(np.array(d)[:, t : t + 8], 5) < left_out[word]
+    assert 0 < nearer <= round(found.warped * pairs) < pairs
+    every = nearest_words(motion, context, **sizes, pairs="all")
+    assert np.isinf(np.asarray(every.left_out)).all()
+
+
 def test_ties():
     """A clip that comes again exactly, and one that stands still."""
     one = swaying(4, 30)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.cleaning.planted import planted_again
+from jaxmotion.cleaning.planted import nearest_to_contacts, planted_again
 from tests.cleaning.clips import turned
 from tests.helpers import angle_between, world_by_matrices
 
@@ -42,6 +42,35 @@ def away(motion, contacts):
     joints = list(contacts.joints)
     points = positions[:, joints] + np.einsum("tcab,cb->tca", turns[:, joints], contacts.point)
     return np.linalg.norm(points - np.asarray(contacts.target), axis=-1)
+
+
+def test_the_candidate_that_stands_best(walk, contacts, left):
+    """Limb by limb, and run by run; where no point is planted, or in no other joint, the first."""
+    right = [walk.skeleton.index(f"Right{name}") for name in ("UpLeg", "Leg", "Foot", "ToeBase")]
+    arm = walk.skeleton.index("LeftArm")
+    frames = np.arange(5, 60)
+    mask = np.zeros(walk.rotations.shape[:2], bool)
+    mask[np.ix_(frames, [left[0], right[0], arm])] = True
+    mask[30, [left[0], right[0]]] = False
+    first = turned(turned(walk, left[0], frames, [0.3, 0, 0]), arm, frames, [0.3, 0, 0])
+    wrong = turned(walk, right[0], frames[frames > 30], [0.3, 0, 0])
+    worse = turned(walk, left[0], frames, [0.6, 0, 0])
+    made = nearest_to_contacts([first, wrong, worse], contacts, mask)
+    # The right leg of the first is right in both runs, and its left in none.
+    np.testing.assert_array_equal(made.rotations[:, arm], first.rotations[:, arm])
+    np.testing.assert_array_equal(made.rotations[:, right], walk.rotations[:, right])
+    changed = np.delete(np.arange(72), 30)
+    np.testing.assert_array_equal(
+        made.rotations[changed, left[0]], walk.rotations[changed, left[0]]
+    )
+    np.testing.assert_array_equal(made.rotations[30, left[0]], first.rotations[30, left[0]])
+    other = nearest_to_contacts([wrong, first], contacts, mask)
+    np.testing.assert_array_equal(other.rotations, walk.rotations)
+    alone = nearest_to_contacts([wrong], contacts, mask)
+    np.testing.assert_array_equal(alone.rotations, wrong.rotations)
+    none = jm.contacts.Contacts(contacts.points, np.zeros_like(contacts.mask), contacts.target)
+    same = nearest_to_contacts([first, wrong], none, mask)
+    np.testing.assert_array_equal(same.rotations, first.rotations)
 
 
 def test_points_come_back(walk, contacts, left):
