@@ -3,9 +3,10 @@
     leap    v = log(s⁻¹ q(t)⁻¹q(t+1)), s the nearest of the step before, the one after, and the mean
             of both: 0 of what goes on at its pace
     jump    e = ‖v‖
-    pair    of a frame the greatest min(e, e′) over jumps on both sides of it, at most 1.3 seconds
-            apart, the second of which turns back, within 45° of −v as the joint or as its parent
-            sees it: what goes away and comes back
+    pair    of a frame the greatest min(e, e′) over two jumps on both sides of it: what goes away
+            and comes back. The second turns back, within 45° of −v, as the joint or as its parent
+            sees it; at most 1.3 seconds lie between; and of all such each leaves least, ‖v + v′‖,
+            of the other: what is between two errors is none
     hold    of a frame how many steps on end, itself included, turn by less than 10⁻⁴ rad while at
             least half of the joints move; not in a pose that the joint comes to at other times, to
             10⁻³ rad: there it rests, at a limit of its own or of what wrote the file
@@ -58,22 +59,40 @@ def paired(
     fps: float,
 ) -> Float[np.ndarray, "time joint"]:
     """The pair of every frame, radians."""
-    frames = len(rotations)
+    found = np.zeros(rotations.shape[:2], leap.dtype)
     jump = np.linalg.norm(leap, axis=-1)
-    way = leap / np.maximum(jump, np.finfo(leap.dtype).tiny)[..., None]
-    ways = way, rotated(rotations[1:], way)
-    found = np.zeros((frames, jump.shape[1]), leap.dtype)
-    # From the longest pairs down: of frames a … a + n − 1, between jumps a − 1 and a + n − 1.
-    longest = min(round(_APART * fps), frames - 2)
-    inside = np.zeros((0, jump.shape[1]), leap.dtype)
-    for n in range(longest, 0, -1):
-        on = np.min([np.einsum("tjx,tjx->tj", x[:-n], x[n:]) for x in ways], axis=0)
-        pair = np.where(on < -_BACK, np.minimum(jump[:-n], jump[n:]), 0)
-        pair[: len(inside)] = np.maximum(pair[: len(inside)], inside)
-        pair[1 : len(inside) + 1] = np.maximum(pair[1 : len(inside) + 1], inside)
-        inside = pair
-    found[1 : len(inside) + 1] = inside
+    other = _other_of(rotations, leap, jump, round(_APART * fps))
+    for joint in range(jump.shape[1]):
+        first = np.arange(len(jump))
+        first = first[other[:, joint] > first]
+        last = other[first, joint]
+        mutual = other[last, joint] == first
+        for a, b in zip(first[mutual].tolist(), last[mutual].tolist(), strict=True):
+            both = min(jump[a, joint], jump[b, joint])
+            inside = found[a + 1 : b + 1, joint]
+            np.maximum(inside, both, out=inside)
     return found
+
+
+def _other_of(
+    rotations: Float[np.ndarray, "time joint 4"],
+    leap: Float[np.ndarray, "step joint 3"],
+    jump: Float[np.ndarray, "step joint"],
+    apart: int,
+) -> Int[np.ndarray, "step joint"]:
+    """The jump that leaves least of each, of those that turn back; −1 where none does."""
+    seen = leap, rotated(rotations[1:], leap)
+    least, other = np.full(jump.shape, np.inf), np.full(jump.shape, -1)
+    for n in range(1, min(apart, len(jump) - 1) + 1):
+        on = np.min([np.einsum("tjx,tjx->tj", v[:-n], v[n:]) for v in seen], axis=0)
+        product = jump[:-n] * jump[n:]
+        left = np.where(on < -_BACK * product, jump[:-n] ** 2 + 2 * on + jump[n:] ** 2, np.inf)
+        numbers = np.arange(len(left))[:, None]
+        for half, number in ((slice(None, -n), numbers + n), (slice(n, None), numbers)):
+            nearer = left < least[half]
+            least[half] = np.where(nearer, left, least[half])
+            other[half] = np.where(nearer, number, other[half])
+    return other
 
 
 def held(

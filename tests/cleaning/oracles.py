@@ -36,18 +36,21 @@ def jumps_by_hand(q):
 
 
 def paired_by_hand(q, leap, apart):
-    """Over all pairs of leaps with frames between them, the second of which turns back."""
+    """Two leaps with frames between them, the second of which turns back, each best undone by the
+    other."""
     found = np.zeros(q.shape[:2])
     jump = np.linalg.norm(leap, axis=-1)
     for j in range(q.shape[1]):
         after = rotations(q[1:, j])
+        left = {}
         for a, b in combinations(range(len(leap)), 2):
-            seen = (
-                (leap[a, j], leap[b, j]),
-                (after[a].apply(leap[a, j]), after[b].apply(leap[b, j])),
-            )
-            back = any(-u @ v > np.sqrt(0.5) * jump[a, j] * jump[b, j] for u, v in seen)
-            if back and b - a <= apart:
+            u, v = leap[a, j], leap[b, j]
+            on = min(u @ v, after[a].apply(u) @ after[b].apply(v))
+            if -on > np.sqrt(0.5) * jump[a, j] * jump[b, j] and b - a <= apart:
+                left[a, b] = left[b, a] = u @ u + 2 * on + v @ v
+        best = {a: min((x, b) for (c, b), x in left.items() if c == a)[1] for a, _ in left}
+        for a, b in best.items():
+            if best[b] == a and a < b:
                 both = min(jump[a, j], jump[b, j])
                 found[a + 1 : b + 1, j] = np.maximum(found[a + 1 : b + 1, j], both)
     return found

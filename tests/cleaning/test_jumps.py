@@ -95,6 +95,15 @@ def test_a_step_that_is_not_taken_back_is_no_pair():
         np.testing.assert_allclose(found, back * 0.6 * np.isin(range(30), range(10, 15)))
 
 
+def test_what_is_between_two_errors_is_none():
+    """Of one joint, by the same turn about the same axis but for a tenth of a radian."""
+    q = spoilt(np.eye(3)[0], False, size=0.6, begin=5, stop=8)
+    more = spoilt(np.eye(3)[0], False, size=0.7, begin=17, stop=20)
+    both = np.concatenate([q[:12], more[12:]])
+    found = paired(both, leaps(both), 24.0)[:, 0] > 0.5
+    np.testing.assert_array_equal(found, np.isin(np.arange(30), [5, 6, 7, 17, 18, 19]))
+
+
 @pytest.mark.parametrize("frames", [0, 1, 2, 3])
 def test_few_frames(frames):
     q = np.asarray(random_quaternions(np.random.default_rng(0), (frames + 1, 2)))
