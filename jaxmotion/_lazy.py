@@ -1,4 +1,5 @@
-"""Names that load on first use (PEP 562), for what is costly to import and not always needed."""
+"""Names that load on first use: of a package (PEP 562), for what is costly to import and not always
+needed; from a room above, where a value is asked to show itself."""
 
 import importlib
 import sys
@@ -23,3 +24,9 @@ def loader(
         return value
 
     return __getattr__
+
+
+def from_above(module: str, name: str) -> Any:
+    """A name of a module that imports the caller's; call it when the name is wanted, not before.
+    ``tests/test_architecture.py`` lists who may."""
+    return getattr(importlib.import_module(module), name)

@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion._checks import floating, has_type, known, require, traced, warn
 from jaxmotion._file_facts import file_fact
+from jaxmotion._lazy import from_above
 from jaxmotion._likely import doubt_frame_time, doubt_rotations
 from jaxmotion._portable import Portable
 from jaxmotion._program import one_program
@@ -273,13 +274,14 @@ class Motion(Portable):
         yield kept_as(self.rotations)
 
     def _repr_html_(self) -> str | None:
-        """A table, for notebooks; None (they print the line then) where arrays are something else,
-        as a tree map makes them."""
+        """A table and, of a clip that is known, a small player, for notebooks; None (they print
+        the line then) where arrays are something else, as a tree map makes them."""
         try:
-            rows = dict(self._rows())
+            table = html_table(type(self).__name__, dict(self._rows()))
+            thumbnail = from_above("jaxmotion.viz.player.thumbnail", "thumbnail")
+            return table + (thumbnail(self) or "")
         except (AttributeError, IndexError, TypeError, ValueError):
             return None
-        return html_table(type(self).__name__, rows)
 
     def _rows(self) -> Iterator[tuple[str, str]]:
         *batch, frames, _, _ = self.rotations.shape

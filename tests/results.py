@@ -36,6 +36,7 @@ from jaxmotion import (
     spacetime,
     style,
     timing,
+    viz,
 )
 from jaxmotion._asf_bone import AsfBone
 from jaxmotion.linalg.chain_covariance import State
@@ -239,6 +240,7 @@ _MAKERS: dict[str, Callable[[], Any]] = {
         *(zeros(dtype=bool), zeros(dtype=np.int32), 8, 192),
     ),
     "ContactScores": lambda: metrics.ContactScores(0.987654321, 1.0),
+    "Player": lambda: viz.Player("<!doctype html>", ("before", "after"), FRAMES),
     "Difference": lambda: metrics.Difference(240, 33, PEAK, PEAK, PEAK, PEAK),
     "Peak": lambda: PEAK,
     "Problem": lambda: metrics.Problem(

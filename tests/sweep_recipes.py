@@ -540,6 +540,7 @@ EXCEPTIONS = {
     "smoothing.motion_prior": "learned on the host from clips of any length",
     "style.segment_styles": "a list about concrete clips, in NumPy",
     "smoothing.removed": "a list about concrete clips, in NumPy",
+    "viz.player": "a page",
     "viz.plot_alignment": "a picture",
     "viz.plot_contacts": "a picture",
     "viz.plot_digression": "a picture",

@@ -63,6 +63,8 @@ SIDEWAYS = {
     "spacetime": {"contacts"},
     "__main__": {"cli"},
 }
+# Who shows itself with a room above: jaxmotion._lazy.from_above, when it is asked to.
+FROM_ABOVE = {"motion.py": {"viz"}}
 _JITS = ("filter_jit", "jax.jit")
 LINES_A_FILE = 400
 LINES_A_FUNCTION = 80
@@ -115,6 +117,18 @@ def test_imports_point_down():
             if not (below or there == here or there in SIDEWAYS.get(here, ())):
                 wrong.append(f"{_name(path)}:{line}: {here} imports {there}")
     assert not wrong, "\n".join(wrong)
+
+
+def test_only_what_shows_itself_reaches_up():
+    found = {}
+    for path in INSIDE:
+        for node in ast.walk(TREES[path]):
+            is_call = isinstance(node, ast.Call) and ast.unparse(node.func) == "from_above"
+            if is_call:
+                room = ast.literal_eval(node.args[0]).split(".")[1]
+                found.setdefault(_name(path), set()).add(room)
+                assert FLOOR_OF[room] > FLOOR_OF[_room(path)], "an ordinary import will do"
+    assert found == FROM_ABOVE
 
 
 def test_imports_have_no_cycle():

@@ -15,7 +15,7 @@ from jaxmotion import Motion, Skeleton
 from jaxmotion._checks import at_hand
 from jaxmotion._entry import finite_clip
 from jaxmotion.displacement import Displacement
-from jaxmotion.viz import plot_contacts
+from jaxmotion.viz import player, plot_contacts
 from tests.helpers import no_shape_checks
 from tests.sweep_cases import case
 from tests.sweep_recipes import RECIPES
@@ -176,6 +176,7 @@ def test_functions_without_a_recipe_say_it_too():
         "save": lambda m: jm.save(m, "never.bvh"),
         "ContactPoints.positions": contacts.points.positions,
         "plot_contacts": lambda m: plot_contacts(m, contacts),
+        "player": player,
     }
     for name, call in calls.items():
         with no_shape_checks():

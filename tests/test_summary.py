@@ -196,12 +196,12 @@ def test_joint_names_are_anybodys_text():
 
 
 class Cells(html.parser.HTMLParser):
-    """The texts of a table; any tag that is no part of one is an error."""
+    """The texts of a table, before the player; any tag that is no part of it is an error."""
 
     def __init__(self, text):
         super().__init__()
         self.cells = []
-        self.feed(text)
+        self.feed(text.partition("<iframe")[0])
 
     def handle_starttag(self, tag, attrs):
         assert tag in ("table", "caption", "tbody", "tr", "th", "td")
