@@ -195,8 +195,8 @@ def _floor(points: np.ndarray, size: float) -> float:
 
 
 def _facing(points: np.ndarray, skeleton: Skeleton) -> float | None:
-    """Left minus right × up of the first whole pose, summed over hips and shoulders: mirrored joints
-    of one parent."""
+    """Left minus right × up of the first whole pose, summed over mirrored joints of one parent
+    (hips, shoulders)."""
     poses, parents = _some(points), skeleton.parents
     pairs = [(a, b) for a, b in mirrored_pairs(skeleton) if parents[a] == parents[b]]
     if not len(poses) or not pairs:
