@@ -186,14 +186,15 @@ class Player {
     this.seek(found);
   }
 
-  // The time that has passed, and back to the start of the loop.
+  // The time that has passed, and back to the start of the loop. A frame lasts from half a frame
+  // before its time to half a frame after.
   advance(now) {
     const { state } = this;
     const passed = this.clock === null ? 0 : Math.min((now - this.clock) / 1000, 0.25);
     this.clock = now;
     state.time += passed * state.speed;
     const [first, last] = state.loop || [0, state.numFrames - 1];
-    const [start, stop] = [first * state.frameTime, (last + 1) * state.frameTime];
+    const [start, stop] = [first - 0.5, last + 0.5].map((frame) => frame * state.frameTime);
     if (state.time >= stop || state.time < start)
       state.time = start + ((state.time - start) % (stop - start) + (stop - start)) % (stop - start);
   }
