@@ -139,30 +139,33 @@ def detect_errors(
         >>> bool((found.mask == broken.mask).mean() > 0.99)
         True
     """
-    found, _ = detected("detect_errors", motion, context, k, levels, passes, progress)
-    return found
+    caller = "detect_errors"
+    if not isinstance(passes, (int, np.integer)) or passes < 1:
+        raise ValueError(f"{caller}: passes={passes!r}; expected a whole number of at least 1")
+    evidence = examined(caller, motion, context, k, progress)
+    return detected(evidence, levels_beside(caller, motion, context, k, levels), motion, passes)
 
 
-def detected(
+def levels_beside(
     caller: str,
     motion: Motion,
     context: Motion | Sequence[Motion],
     k: int,
     levels: Sequence[Levels] | None,
-    passes: int,
-    progress: Progress | None,
-) -> tuple[DetectedErrors, Evidence]:
-    """The errors, and what they were found by."""
-    if not isinstance(passes, (int, np.integer)) or passes < 1:
-        raise ValueError(f"{caller}: passes={passes!r}; expected a whole number of at least 1")
-    others = as_clips(context)
-    evidence = examined(caller, motion, others, k, progress)
+) -> Sequence[Levels]:
+    """Those given, or of the clips of the context, each beside the others."""
     if levels is not None and any(x.jump.shape != (motion.num_joints,) for x in levels):
         raise ValueError(f"{caller}: levels are not of the motion's {motion.num_joints} joints")
-    if levels is None:
-        levels = [
-            clean_levels(clip, others[:i] + others[i + 1 :], k=k) for i, clip in enumerate(others)
-        ]
+    if levels is not None:
+        return levels
+    clips = as_clips(context)
+    return [clean_levels(clip, clips[:i] + clips[i + 1 :], k=k) for i, clip in enumerate(clips)]
+
+
+def detected(
+    evidence: Evidence, levels: Sequence[Levels], motion: Motion, passes: int = 2
+) -> DetectedErrors:
+    """The errors of a clip, by what is known of it and what is usual in its context."""
     usual = _Usual.of(levels, motion.num_joints)
     sure = _by_time(evidence, usual)
     everywhere = np.any([*(x[0] for x in sure.values())], axis=0) | evidence.missing
@@ -184,7 +187,7 @@ def detected(
         jnp.asarray(size, kind),
         {name: jnp.asarray(x) for name, x in by.items()},
         motion,
-    ), evidence
+    )
 
 
 class _Usual(NamedTuple):

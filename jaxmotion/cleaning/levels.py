@@ -54,7 +54,12 @@ def clean_levels(motion: Motion, context: Motion | Sequence[Motion] = (), *, k: 
         >>> jm.cleaning.clean_levels(walk)
         Levels(22 joints)
     """
-    evidence = examined("clean_levels", motion, context, k)
+    return levels_of(examined("clean_levels", motion, context, k))
+
+
+def levels_of(evidence: "Evidence") -> Levels:
+    """What is usual in a clip, by what is known of it."""
+    motion = evidence.setting.motion
     joints = np.array(evidence.setting.joints, int)
     kind = motion.dtype
 

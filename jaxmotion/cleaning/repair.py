@@ -34,7 +34,7 @@ from jaxmotion._portable import Portable
 from jaxmotion._summary import called, line
 from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.cleaning.body import as_lean, from_lean
-from jaxmotion.cleaning.detect import DetectedErrors, detected
+from jaxmotion.cleaning.detect import DetectedErrors, detected, levels_beside
 from jaxmotion.cleaning.digression import Progress
 from jaxmotion.cleaning.jumps import jumps
 from jaxmotion.cleaning.levels import Evidence, Levels, examined
@@ -158,14 +158,34 @@ def repair(
     one_clip(caller, motion, on_host=True)
     shape = np.shape(motion.rotations)[:2]
     free = _mask(caller, "joint_mask", joint_mask, shape[1:])
-    if mask is None:
-        errors, evidence = detected(caller, motion, context, k, levels, 2, progress)
+    known_wrong = None if mask is None else _mask(caller, "mask", mask, shape)
+    evidence, errors = examined(caller, motion, context, k, progress), None
+    if known_wrong is None:
+        usual = levels_beside(caller, motion, context, k, levels)
+        errors = detected(evidence, usual, motion)
+    return repaired(
+        evidence, motion, errors, known_wrong, free, contacts=contacts, method=method, blend=blend
+    )
+
+
+def repaired(
+    evidence: Evidence,
+    motion: Motion,
+    errors: DetectedErrors | None,
+    known_wrong: Bool[np.ndarray, "time joint"] | None,
+    free: Bool[np.ndarray, " joint"],
+    *,
+    contacts: Contacts | None = None,
+    method: Method = "median",
+    blend: Blend = "residual",
+) -> Repaired:
+    """A clip without the ``errors`` that were found, or what is known to be wrong, by what is known
+    of it."""
+    if errors is not None:
         wrong = _grown(np.asarray(errors.mask), evidence.jump, float(motion.fps))
     else:
-        known_wrong = _mask(caller, "mask", mask, shape)
-        errors, evidence = None, examined(caller, motion, context, k, progress)
-        wrong = known_wrong | evidence.missing
-    wrong &= free
+        wrong = evidence.missing if known_wrong is None else known_wrong | evidence.missing
+    wrong = wrong & free
     if not wrong.any():
         return Repaired(motion, jnp.asarray(wrong), motion, errors)
     kept, changed = _put_back(wrong, evidence, method, blend)

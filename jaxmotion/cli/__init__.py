@@ -25,6 +25,8 @@ only click at the top; JAX and the library load inside functions, so help never 
 | ``_leaving`` | signals, and what must not be left undone |
 | ``_progress`` | what is told on the way |
 | ``_report``, ``_page``, ``_pictures`` | the record of a run, as JSON and as HTML |
+| ``_compared`` | clips beside each other, for it |
+| ``_showing`` | pages that are opened in a browser |
 | ``_learned`` | what smoothers learned, in rows for it |
 
 Exit codes: 0 success, 1 some files failed, 2 usage, 3 ``check`` found problems, 130 interrupted,

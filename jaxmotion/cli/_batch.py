@@ -55,7 +55,7 @@ def edit_files(
         batch.reading,
         batch.out_up,
         batch.overwrite,
-        measured=batch.report is not None,
+        report=batch.report,
         keep=keep,
         find=find,
         restore=restore,

@@ -1,10 +1,11 @@
 """Clips to look at a clip beside: those of other files that do most nearly the same.
 
 A process keeps what it learns of the files for all that it works on: small copies to compare, the
-clips read last, which are most alike, and what is usual in each.
+clips read last and what is known of them, which are most alike, and what is usual in each.
 """
 
 import warnings
+from collections import OrderedDict
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -18,19 +19,21 @@ from jaxmotion.cli._work import read
 if TYPE_CHECKING:
     from jaxmotion import Motion
     from jaxmotion.cleaning import Levels
+    from jaxmotion.cleaning.levels import Evidence
 
-_MANY = 8
+_MANY, _NEIGHBOURS = 8, 8
 _CLIPS, _COPIES = 32, 2048  # that are kept
 
 
 @dataclass(frozen=True)
 class Beside:
-    """A clip's context: its files and clips, most alike first, and what is usual in each; of the
-    other files how many have ``other`` joints, and are ``unreadable``."""
+    """A clip's context: its files, most alike first, and what is usual in each; what is known of
+    the clip beside them; of the other files how many have ``other`` joints, and are
+    ``unreadable``."""
 
     paths: tuple[Path, ...]
-    motions: "tuple[Motion, ...]"
     levels: "tuple[Levels, ...]"
+    evidence: "Evidence"
     other: int
     unreadable: int
 
@@ -47,6 +50,7 @@ class Shelf:
     def __init__(self, paths: tuple[str, ...], reading: Reading):
         self._paths = {real(Path(path)): Path(path) for path in paths}
         self._levels: dict[Path, Levels] = {}
+        self._evidence: OrderedDict[Path, Evidence] = OrderedDict()
         self._alike: dict[Path, tuple[Path, ...]] = {}
         self._clip = lru_cache(_CLIPS)(lambda place: _read(self._paths[place], reading))
         self._copy = lru_cache(_COPIES)(self._copied)
@@ -69,8 +73,8 @@ class Shelf:
         alike = self._most_alike(place, motion)
         return Beside(
             tuple(self._paths[near] for near in alike),
-            tuple(self._clip(near) for near in alike),
             tuple(self._usual(near) for near in alike),
+            self._examined(place, motion),
             other,
             unreadable,
         )
@@ -92,13 +96,22 @@ class Shelf:
         return self._alike[place]
 
     def _usual(self, place: Path) -> "Levels":
-        from jaxmotion.cleaning import clean_levels
+        from jaxmotion.cleaning.levels import levels_of
 
         if place not in self._levels:
-            clip = self._clip(place)
-            around = [self._clip(near) for near in self._most_alike(place, clip)]
-            self._levels[place] = clean_levels(clip, around)
+            self._levels[place] = levels_of(self._examined(place, self._clip(place)))
         return self._levels[place]
+
+    def _examined(self, place: Path, motion: "Motion") -> "Evidence":
+        """What is known of a file's clip beside its context; of an input too, once."""
+        from jaxmotion.cleaning.levels import examined
+
+        if place not in self._evidence:
+            around = [self._clip(near) for near in self._most_alike(place, motion)]
+            self._evidence[place] = examined("repair", motion, around, _NEIGHBOURS)
+            if len(self._evidence) > _CLIPS:
+                self._evidence.popitem(last=False)
+        return self._evidence[place]
 
     def _copied(self, place: Path) -> "Motion | None":
         from jaxmotion.cleaning.similarity import light

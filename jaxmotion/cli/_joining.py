@@ -19,6 +19,7 @@ from jaxmotion.cli._options import (
     report_option,
     running_options,
 )
+from jaxmotion.cli._showing import names_of
 from jaxmotion.cli._terminal import say
 from jaxmotion.io.formats import files_of
 
@@ -101,20 +102,23 @@ def join(
         write(finite(joined.motion), out, overwrite=joining.overwrite, up=joining.out_up)
         joined.then()
         clips.insert(0, clips.pop(edited))
-        outcome.effect = _effect(joined, clips, measured=joining.report is not None)
+        named = dict(zip(names_of([job.source, *others]), clips, strict=True))
+        outcome.effect = _effect(joined, named, joining.report)
     say(line_about(outcome), err=True)
 
 
-def _effect(joined: Joined, clips: "list[Motion]", *, measured: bool) -> "Effect":
+def _effect(joined: Joined, clips: "dict[str, Motion]", report: Path | None) -> "Effect":
+    from jaxmotion.cli._compared import compared
     from jaxmotion.cli._work import Clip, Effect
     from jaxmotion.metrics import difference
 
     change = None
-    if measured and joined.original is not None:
+    if report is not None and joined.original is not None:
         change = difference(joined.original, joined.motion, world=True)
-    read = tuple(map(Clip.of, clips))
+    read = tuple(map(Clip.of, clips.values()))
     made = Clip.of(joined.motion)
-    return Effect(read, made, joined.message, change, joined.skate, joined.learned)
+    beside = compared(clips | {"result": joined.motion}, report)
+    return Effect(read, made, joined.message, change, joined.skate, joined.learned, compared=beside)
 
 
 def check_targets(targets: Sequence[Path], sources: Sequence[Path], *, overwrite: bool) -> None:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
+    from jaxmotion.contacts import Contacts
 
 
 def pad(motion: "Motion") -> "tuple[Motion, int]":
@@ -22,3 +23,14 @@ def unpadded(motion: "Motion", length: int) -> "Motion":
     return motion.with_transforms(
         np.asarray(motion.translations)[:length], np.asarray(motion.rotations)[:length]
     )
+
+
+def unpadded_contacts(contacts: "Contacts", length: int) -> "Contacts":
+    """Contacts of the frames that count, in NumPy arrays."""
+    import equinox as eqx
+    import numpy as np
+
+    from jaxmotion.contacts.contact import over_time
+
+    parts = [np.asarray(part)[:length] for part in over_time(contacts)]
+    return eqx.tree_at(over_time, contacts, tuple(parts))

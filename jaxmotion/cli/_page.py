@@ -1,6 +1,8 @@
 """A report as a page of HTML that needs nothing else: a table of figures, a row a file, then what
 was learned of each, with pictures. The record itself is in it, for programs.
 
+Rows go in the order of a column whose heading is clicked, downwards, then upwards.
+
 A figure is a row of ``_FIGURES``: where it is in a file's entry, and its heading. Columns without
 any figure are left out, and what results where it is what was there before.
 """
@@ -35,6 +37,8 @@ _FIGURES: tuple[tuple[tuple[str, ...], str], ...] = (
     (("feet", "slide_after"), "feet slide now"),
     (("feet", "contacts_restored"), "contacts restored"),
     (("feet", "root_move"), "which moved the root by up to"),
+    (("jerk", "before"), "jerk before, length units a second³"),
+    (("jerk", "after"), "jerk now"),
     (("seconds",), "seconds it took"),
 )
 
@@ -48,8 +52,35 @@ td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: 
 tr.failed td { color: #b00020; }
 tr.skipped td, tr.not-tried td { color: #777; }
 small { color: #777; display: block; }
+th button { font: inherit; text-align: left; background: none; border: 0; padding: 0; }
+th button { color: inherit; cursor: pointer; }
+thead th[aria-sort=descending]::after { content: " \\25be"; }
+thead th[aria-sort=ascending]::after { content: " \\25b4"; }
 summary { cursor: pointer; }
 img { max-width: 100%; }
+"""
+
+PLAYER = 640  # pixels of height
+
+# Cells hold what they are sorted by; what is not known comes last, in both directions.
+_SCRIPT = """
+for (const table of document.querySelectorAll("table")) {
+  const heads = [...table.querySelectorAll("thead th")];
+  heads.forEach((head, column) => head.firstElementChild.addEventListener("click", () => {
+    const down = head.getAttribute("aria-sort") !== "descending";
+    heads.forEach(other => other.removeAttribute("aria-sort"));
+    head.setAttribute("aria-sort", down ? "descending" : "ascending");
+    const of = row => row.cells[column].dataset.value ?? row.cells[column].textContent;
+    const compare = (a, b) => {
+      const [x, y] = [of(a), of(b)];
+      if (!x || !y) return x ? -1 : y ? 1 : 0;
+      const order = isNaN(x) || isNaN(y) ? x.localeCompare(y) : x - y;
+      return down ? -order : order;
+    };
+    const body = table.tBodies[0];
+    body.append(...[...body.rows].sort(compare));
+  }));
+}
 """
 
 
@@ -59,24 +90,48 @@ def page(record: dict[str, Any], pictures: Mapping[str, str] = MappingProxyType(
     shown = [(where, heading) for where, heading in _FIGURES if _tells(entries, where)]
     headings = ["file", "output", "status", *(heading for _, heading in shown)]
     rows = "\n".join(_row(entry, [where for where, _ in shown]) for entry in entries)
-    learned = "\n".join(_learned(e, pictures.get(e["input"], "")) for e in entries if e["learned"])
+    learned = "\n".join(_learned(e, pictures.get(e["input"], ""), len(entries)) for e in entries)
     counts = ", ".join(f"{n} {status}" for status, n in record["counts"].items() if n)
     asked = " ".join([record["command"], *map(_spelt, record["options"].items())])
     preset = f", preset {as_text(record['preset'])}" if record["preset"] else ""
     hidden = as_json(record).replace("<", r"\u003c")
+    versions = f"jaxmotion {record['jaxmotion']}, JAX {record['jax']}"
+    parts = [
+        f"<p>{counts}; {as_text(record['end'])}</p>",
+        f"<p><code>{as_text(' '.join(asked.split()))}</code>{preset}</p>",
+        f"<p>{record['begun']} to {record['ended']}; {versions}</p>",
+        _table(headings, rows),
+        learned,
+        f'<script type="application/json" id="record">\n{hidden}\n</script>',
+    ]
+    return document(f"jaxmotion {record['command']}", parts)
+
+
+def document(title: str, parts: Sequence[str]) -> str:
+    """A page that needs nothing else, of ``parts`` in HTML."""
+    head = as_text(title)
+    body = "\n".join(parts)
     return f"""<!doctype html>
-<html lang="en"><meta charset="utf-8"><title>jaxmotion report</title>
+<html lang="en"><meta charset="utf-8"><title>{head}</title>
+<meta name="viewport" content="width=device-width">
 <style>{_STYLE}</style>
-<h1>jaxmotion {as_text(record["command"])}</h1>
-<p>{counts}; {as_text(record["end"])}</p>
-<p><code>{as_text(" ".join(asked.split()))}</code>{preset}</p>
-<p>{record["begun"]} to {record["ended"]}; jaxmotion {record["jaxmotion"]}, JAX {record["jax"]}</p>
-{_table(headings, rows)}
-{learned}
-<script type="application/json" id="record">
-{hidden}
-</script>
+<h1>{head}</h1>
+{body}
+<script>{_SCRIPT}</script>
 </html>"""
+
+
+def table_of(title: str, rows: Sequence[dict[str, Any]]) -> str:
+    """Rows of the same keys under a heading."""
+    if not rows:
+        return ""
+    body = "\n".join(f"<tr>{''.join(map(_cell, row.values()))}</tr>" for row in rows)
+    return f"<h4>{as_text(title)}</h4>{_table(list(rows[0]), body)}"
+
+
+def listed(lines: Sequence[str]) -> str:
+    """A list."""
+    return f"<ul>{''.join(f'<li>{as_text(line)}</li>' for line in lines)}</ul>" if lines else ""
 
 
 def pictures_in(text: str) -> dict[str, str]:
@@ -85,35 +140,40 @@ def pictures_in(text: str) -> dict[str, str]:
 
 
 def _table(headings: Sequence[str], rows: str) -> str:
-    head = "".join(f"<th>{as_text(heading)}</th>" for heading in headings)
+    buttons = (f'<button type="button">{as_text(heading)}</button>' for heading in headings)
+    head = "".join(f"<th>{button}</th>" for button in buttons)
     return f"<table><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>"
 
 
 def _row(entry: dict[str, Any], shown: Sequence[tuple[str, ...]]) -> str:
     others = [f"with {other['input']}" for other in entry["with"]]
     cells = [_cell(entry["input"], [*others, entry["message"], *entry["warnings"]])]
+    if entry["player"]:
+        link = f'<a href="{html.escape(entry["player"])}">play</a>'
+        cells[0] = cells[0].removesuffix("</td>") + f" {link}</td>"
     cells += [_cell(entry["output"]), _cell(entry["status"])]
     cells += [_cell(_at(entry, where)) for where in shown]
     return f'<tr class="{entry["status"].replace(" ", "-")}">{"".join(cells)}</tr>'
 
 
-def _learned(entry: dict[str, Any], pictures: str) -> str:
-    """What was learned of a file, folded: values in one table, the tables by name, pictures."""
+def _learned(entry: dict[str, Any], pictures: str, files: int) -> str:
+    """What was learned of a file, folded unless it is the only one: pictures; values in one table,
+    the tables by name."""
     learned = entry["learned"]
+    if not (learned or pictures):
+        return ""
     tables = {name: rows for name, rows in learned.items() if _is_table(rows)}
     values = {name: value for name, value in learned.items() if name not in tables}
-    parts = []
+    name, parts = as_text(entry["input"]), []
+    if pictures:
+        parts.append(f'<div class="pictures" data-input="{name}">\n{pictures}\n</div>')
     if values:
         rows = "\n".join(f"<tr>{_cell(n)}{_cell(v)}</tr>" for n, v in values.items())
         parts.append(_table((), rows))
-    for name, lines in tables.items():
-        rows = "\n".join(f"<tr>{''.join(map(_cell, line.values()))}</tr>" for line in lines)
-        parts.append(f"<h4>{as_text(name)}</h4>{_table(list(lines[0]), rows)}")
-    name = as_text(entry["input"])
-    if pictures:
-        parts.append(f'<div class="pictures" data-input="{name}">\n{pictures}\n</div>')
+    parts += [table_of(name, lines) for name, lines in tables.items()]
     title = f"what was learned of {name}"
-    return f"<details><summary>{title}</summary>\n{''.join(parts)}</details>"
+    unfolded = " open" * (files == 1)
+    return f"<details{unfolded}><summary>{title}</summary>\n{''.join(parts)}</details>"
 
 
 def _is_table(value: Any) -> bool:
@@ -141,12 +201,17 @@ def _cell(value: Any, notes: Sequence[str] = ()) -> str:
         place = f"frame {value['frame']}, {value['joint']}{', end site' * value['end_site']}"
         usual = f"mean {_number(value['mean'])}, 95 % {_number(value['p95'])}"
         most = f"{_number(value['max'])}<small>{as_text(place)}</small>"
-        return f'<td class="number">{most}<small>{usual}</small></td>'
+        return f"{_number_cell(value['max'])}{most}<small>{usual}</small></td>"
     if isinstance(value, bool):
         value = "yes" if value else "no"
     if isinstance(value, (int, float)):
-        return f'<td class="number">{_number(value)}{small}</td>'
+        return f"{_number_cell(value)}{_number(value)}{small}</td>"
     return f"<td>{as_text(_words(value))}{small}</td>"
+
+
+def _number_cell(value: int | float) -> str:
+    """What a cell begins with; it is sorted by the whole of its number."""
+    return f'<td class="number" data-value="{value!r}">'
 
 
 def _number(value: int | float) -> str:

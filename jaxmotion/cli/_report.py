@@ -29,10 +29,13 @@ are in degrees, lengths in the file's own unit, times in UTC; what is not known 
 | ``feet`` | how they slide, a second: ``slide_before``, ``slide_timed`` (the input's frames in |
 | | another timing), ``slide_edited``, ``slide_after``; ``contacts_restored``; ``root_move``, |
 | | the furthest that this moved the root |
+| ``jerk`` | mean over frames and joints, the file's unit a second³, ``before`` and ``after`` |
+| ``player`` | the page on which the clips play, from the report: in a folder beside a page |
 | ``learned`` | what the command learned of the clip, by name: values and tables |
 
 A file that ``--resume`` skips keeps its entry in the report that is there, if its outputs are still
-those of it, and its pictures, which only a page has.
+those of it, and its pictures and player, which only a page has. Of one file a page holds the player
+itself.
 """
 
 import contextlib
@@ -47,6 +50,7 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 import click
 
@@ -54,9 +58,10 @@ from jaxmotion import __version__
 from jaxmotion._plain import as_json, irregular
 from jaxmotion.cli import _leaving
 from jaxmotion.cli._app import described
+from jaxmotion.cli._compared import Compared, is_page
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import NOWHERE, asked_for
-from jaxmotion.cli._page import RECORD, as_text, page, pictures_in
+from jaxmotion.cli._page import PLAYER, RECORD, as_text, page, pictures_in
 from jaxmotion.cli._pictures import shown
 from jaxmotion.cli._terminal import say
 from jaxmotion.cli._work import Clip, Effect, Outcome
@@ -66,6 +71,7 @@ if TYPE_CHECKING:
     from jaxmotion.cli._feet import Skate
     from jaxmotion.metrics import Difference, Peak
 
+_STEM = 40  # letters of a file's name that its player's keeps
 STATUSES = ("written", "read", "skipped", "failed", "not tried")
 
 
@@ -101,8 +107,10 @@ class Report:
             return
         if kind := irregular(path):
             raise click.UsageError(f"{path} cannot be written: {kind}, not a file")
-        if path.exists() and not overwrite:
-            raise click.UsageError(f"{path} exists; add --overwrite")
+        self._folder = path.with_name(f"{path.stem}-players") if is_page(path) else None
+        for there in (path, self._folder):
+            if there is not None and there.exists() and not overwrite:
+                raise click.UsageError(f"{there} exists; add --overwrite")
         self._jobs, self._writes, self._others = jobs, writes, others
         self._earlier, self._kept = _earlier(path) if resume else ({}, {})
         self._pictures: dict[str, str] = {}
@@ -152,9 +160,32 @@ class Report:
             if earlier.get("made") == entry["made"]:
                 entry = {**earlier, "status": "skipped", "message": outcome.message}
                 self._pictures[entry["input"]] = self._kept.get(entry["input"], "")
-        if outcome.effect is not None and outcome.effect.drawings:
-            self._pictures[entry["input"]] = shown(outcome.effect.drawings)
+        if outcome.effect is not None:
+            effect = outcome.effect
+            parts = [shown(effect.drawings)] if effect.drawings else []
+            if effect.compared is not None and effect.compared.page:
+                if len(self._jobs) == 1:
+                    from jaxmotion.viz.player.page import framed
+
+                    parts.insert(0, framed(effect.compared.page, PLAYER))
+                else:
+                    entry["player"] = self._written(effect.compared.page, job)
+            self._pictures[entry["input"]] = "\n".join(parts)
         self._entries[job.source] = entry
+
+    def _written(self, text: str, job: Job) -> str:
+        """A player's page, in the folder beside the report, and how the report calls it."""
+        from jaxmotion.io.atomic import atomic_write
+
+        assert self._folder is not None
+        self._folder.mkdir(parents=True, exist_ok=True)
+        # Of several files of one name in other folders each has its own, the same in every run.
+        mark = hashlib.sha256(str(job.source).encode("utf-8", "surrogateescape")).hexdigest()[:8]
+        stem = re.sub(r"[^\w-]+", "-", job.source.stem, flags=re.ASCII)[:_STEM].strip("-")
+        name = f"{stem or 'clip'}-{mark}.html"
+        with atomic_write(self._folder / name) as file:
+            file.write(text.encode())
+        return quote(f"{self._folder.name}/{name}")
 
     @contextlib.contextmanager
     def attempt(self, job: Job) -> Iterator[Outcome]:
@@ -201,6 +232,7 @@ class Report:
             "result": effect.made and _clip(effect.made),
             "changes": effect.change and _changes(effect.change),
             "feet": effect.skate and _feet(effect.skate),
+            "jerk": effect.compared and _jerk(effect.compared),
             "learned": effect.learned,
         }
 
@@ -235,6 +267,8 @@ def _blank(job: Job) -> dict[str, Any]:
         "result": None,
         "changes": None,
         "feet": None,
+        "jerk": None,
+        "player": None,
         "learned": {},
     }
 
@@ -269,6 +303,10 @@ def _feet(skate: "Skate") -> dict[str, Any]:
         "contacts_restored": skate.contacts,
         "root_move": skate.root,
     }
+
+
+def _jerk(beside: Compared) -> dict[str, Any]:
+    return dict(zip(("before", "after"), beside.jerk, strict=True))
 
 
 def _earlier(path: Path) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:

@@ -18,11 +18,12 @@ from jaxmotion.cli._app import described
 from jaxmotion.cli._feet import Skate, find_feet, keep_contacts, with_contacts
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Reading, Selection
-from jaxmotion.cli._padding import pad, unpadded
+from jaxmotion.cli._padding import pad, unpadded, unpadded_contacts
 from jaxmotion.cli._terminal import Notice
 
 if TYPE_CHECKING:
     from jaxmotion import Motion
+    from jaxmotion.cli._compared import Compared
     from jaxmotion.cli._pictures import Drawing
     from jaxmotion.contacts import Contacts
     from jaxmotion.metrics import Difference
@@ -67,7 +68,7 @@ class Effect:
     """What came of the clips that were ``read``, the file's own first: ``made``, the clip that is
     written; a ``message``, if there is more to say than ``change``, how it differs; ``skate``, how
     its feet slide, None if none touch; what was ``learned`` on the way, if a report asks; a line to
-    tell below that of the file, ``note``; ``drawings`` for a report that is a page."""
+    tell below that of the file, ``note``; for a report ``drawings``, and the clips ``compared``."""
 
     read: tuple[Clip, ...]
     made: Clip | None = None
@@ -77,6 +78,7 @@ class Effect:
     learned: Learned = field(default_factory=dict)
     note: str = ""
     drawings: "tuple[Drawing, ...]" = ()
+    compared: "Compared | None" = None
 
 
 @dataclass(frozen=True)
@@ -95,14 +97,14 @@ class Editing:
     """What :func:`edit_file` does to every file: ``edit(motion, length)`` makes a motion of the
     same shape; ``keep``: whether contacts are kept, ``None`` where the feet would slide more;
     ``find(motion, length)`` finds them, ``restore`` keeps them as :func:`with_contacts` has it;
-    ``measured`` asks for what only a report shows: moves in the world, and what is learned."""
+    for a ``report`` it finds out what only that shows: moves in the world, what is learned."""
 
     edit: "Callable[[Motion, int], Edited]"
     selection: Selection
     reading: Reading
     out_up: str | None = None
     overwrite: bool = False
-    measured: bool = False
+    report: Path | None = None
     keep: bool | None = None
     find: "Callable[[Motion, int], Contacts]" = find_feet
     restore: "Callable[[Motion, Motion, Contacts, int], Motion]" = keep_contacts
@@ -141,6 +143,7 @@ def told(caught: list[warnings.WarningMessage], *paths: Path) -> list[str]:
 def edit_file(editing: Editing, job: Job) -> Effect:
     """Read the job's source, edit it and write its target."""
     from jaxmotion import metrics
+    from jaxmotion.cli._compared import compared
 
     motion = read(job.source, editing.reading, uses_up=True)
     padded, length = pad(motion)
@@ -154,11 +157,15 @@ def edit_file(editing: Editing, job: Job) -> Effect:
         padded, edited, contacts, length, editing.keep, restore=editing.restore, within=within
     )
     result = finite(unpadded(kept, length))
-    change = metrics.difference(motion, result, world=editing.measured)
+    measured = editing.report is not None
+    change = metrics.difference(motion, result, world=measured)
     result = _at_rate_of(motion, result)
     write(result, job.target, overwrite=editing.overwrite, up=editing.out_up)
-    learned = edit.learned() if editing.measured else {}
-    return Effect((Clip.of(motion),), Clip.of(result), "", change, skate, learned, edit.note)
+    learned = edit.learned() if measured else {}
+    feet = unpadded_contacts(contacts, length)
+    beside = compared({"before": motion, "after": result}, editing.report, contacts=feet)
+    made = Clip.of(result)
+    return Effect((Clip.of(motion),), made, "", change, skate, learned, edit.note, (), beside)
 
 
 def _at_rate_of(motion: "Motion", result: "Motion") -> "Motion":

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from jaxmotion.cli._work import Effect, Learned
     from jaxmotion.spacetime import JointLimits
 
+_SHOWN = 5  # variations, in a player
 _ROUNDS = 4  # of as many as are wanted, until there are enough
 
 
@@ -118,6 +119,7 @@ def _names(count: int) -> list[str]:
 
 
 def _augment(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
+    from jaxmotion.cli._compared import compared
     from jaxmotion.cli._work import Clip, Effect, read, write
 
     motion = read(job.source, batch.reading, uses_up=True)
@@ -130,7 +132,11 @@ def _augment(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
     learned = _rows(tried, _names(wanted.count)) if batch.report is not None else {}
     refused = _refusals(tried)
     message = f"{wanted.count} variations{f'; {refused}' if refused else ''}"
-    return Effect((Clip.of(motion),), Clip.of(found[0]), message, learned=learned)
+    names = [Path(name).stem for name in _names(wanted.count)]
+    clips = dict(zip(["before", *names[:_SHOWN]], [motion, *found], strict=False))
+    beside = compared(clips, batch.report)
+    made = Clip.of(found[0])
+    return Effect((Clip.of(motion),), made, message, learned=learned, compared=beside)
 
 
 def vary(

@@ -49,6 +49,7 @@ def command(batch: Batch, running: Running, scope: str) -> None:
 
 def _decompose(batch: Batch, scope: str, job: Job) -> "Effect":
     import jaxmotion as jm
+    from jaxmotion.cli._compared import compared
     from jaxmotion.cli._learned import of_base
     from jaxmotion.cli._padding import pad, unpadded
     from jaxmotion.cli._work import Clip, Effect, read, write
@@ -61,11 +62,15 @@ def _decompose(batch: Batch, scope: str, job: Job) -> "Effect":
     layers = jm.decompose(padded, scope=scope, length=length)  # type: ignore[arg-type]
     denoised = unpadded(jm.synthesize(layers, 1.0, 0.0), length)
     base, denoised_name, _ = _NAMES
-    write(unpadded(layers.base, length), job.target / base, overwrite=overwrite, up=up)
+    smooth = unpadded(layers.base, length)
+    write(smooth, job.target / base, overwrite=overwrite, up=up)
     write(denoised, job.target / denoised_name, overwrite=overwrite, up=up)
     message = _write_displacements(layers, length, job, overwrite)
     learned = of_base(layers) if batch.report is not None else {}
-    return Effect((Clip.of(motion),), Clip.of(denoised), message, learned=learned)
+    clips = {"before": motion, "base": smooth, "denoised": denoised}
+    beside = compared(clips, batch.report)
+    made = Clip.of(denoised)
+    return Effect((Clip.of(motion),), made, message, learned=learned, compared=beside)
 
 
 def _write_displacements(layers: "MotionLayers", length: int, job: Job, overwrite: bool) -> str:

@@ -101,14 +101,16 @@ def command(
 
 
 def _repair(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
-    from jaxmotion import cleaning, metrics
+    from jaxmotion import metrics
+    from jaxmotion.cleaning.detect import detected
+    from jaxmotion.cleaning.repair import repaired
     from jaxmotion.cli import _pictures, _runs
+    from jaxmotion.cli._compared import compared, is_page
     from jaxmotion.cli._work import Clip, Effect, finite, write
 
     motion, around, free = _read(batch.reading, wanted, job)
-    found = cleaning.repair(
-        motion, around.motions, levels=around.levels, method=wanted.method, joint_mask=free
-    )
+    errors = detected(around.evidence, around.levels, motion)
+    found = repaired(around.evidence, motion, errors, None, free, method=wanted.method)
     found, skate = _planted(found, free, wanted.keep_contacts)
     rows, result = _runs.of_repair(found), finite(found.motion)
     if rows:
@@ -120,31 +122,33 @@ def _repair(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
     message = _runs.counted(rows, share, "repaired") if rows else "nothing found"
     note = "; ".join(filter(None, (_runs.largest(rows), str(around))))
     learned, drawings = _for_report(batch, around, rows), ()
-    if _draws(batch):
+    if is_page(batch.report):
         drawings = _pictures.of_repair(found)
-    made = Clip.of(result)
-    return Effect((Clip.of(motion),), made, message, change, skate, learned, note, drawings)
+    beside = compared({"before": motion, "after": result}, batch.report, errors=found.mask)
+    clips = (Clip.of(motion),), Clip.of(result)
+    return Effect(*clips, message, change, skate, learned, note, drawings, beside)
 
 
 def _look(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
     """What a file's errors are; writes nothing."""
-    from jaxmotion import cleaning
+    from jaxmotion.cleaning.detect import detected
     from jaxmotion.cli import _pictures, _runs
+    from jaxmotion.cli._compared import compared, is_page
     from jaxmotion.cli._work import Clip, Effect
 
     motion, around, free = _read(batch.reading, wanted, job)
-    found = cleaning.detect_errors(motion, around.motions, levels=around.levels)
-    found = _only(found, free)
+    found = _only(detected(around.evidence, around.levels, motion), free)
     rows = _runs.of_errors(found)
     share = float(found.mask.mean())
     message = _runs.counted(rows, share, "in error") if rows else "nothing found"
-    drawings = _pictures.of_errors(found) if _draws(batch) else ()
+    drawings = _pictures.of_errors(found) if is_page(batch.report) else ()
     return Effect(
         (Clip.of(motion),),
         message=message,
         learned=_for_report(batch, around, rows),
         note="\n".join(filter(None, (*_runs.listed(rows), f"  {around}" * bool(str(around))))),
         drawings=drawings,
+        compared=compared({job.source.stem: motion}, batch.report, errors=found),
     )
 
 
@@ -234,7 +238,3 @@ def _for_report(batch: Batch, around: "Beside", rows: list[dict[str, Any]]) -> "
         return {}
     left_out = {"other_joints": around.other, "unreadable": around.unreadable}
     return {"context": named(around.paths), "left_out": left_out, "runs": rows}
-
-
-def _draws(batch: Batch) -> bool:
-    return batch.report is not None and batch.report.suffix.lower() == ".html"

@@ -140,6 +140,7 @@ def command(
 
 
 def _retime(batch: Batch, timing: Timing, keep: bool | None, job: Job) -> "Effect":
+    from jaxmotion.cli._compared import compared
     from jaxmotion.cli._feet import with_timed_feet
     from jaxmotion.cli._work import Clip, Effect, finite, read, write
 
@@ -148,7 +149,8 @@ def _retime(batch: Batch, timing: Timing, keep: bool | None, job: Job) -> "Effec
     after, skate = with_timed_feet(before, retimed, source_frames, keep)
     write(finite(after), job.target, overwrite=batch.overwrite, up=batch.out_up)
     message = f"{_length(before)} to {_length(after)}"
-    return Effect((Clip.of(before),), Clip.of(after), message, skate=skate)
+    beside = compared({"before": before, "after": after}, batch.report)
+    return Effect((Clip.of(before),), Clip.of(after), message, skate=skate, compared=beside)
 
 
 def edit(motion: "Motion", timing: Timing) -> "tuple[Motion, ArrayLike]":

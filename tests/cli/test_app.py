@@ -11,8 +11,9 @@ import pytest
 from jaxmotion.cli import _app
 
 COMMANDS = (
-    "align", "augment", "blend", "check", "contacts", "convert", "demo", "denoise", "info",
-    "layers", "multires", "prior", "repair", "retime", "stitch", "style", "transfer",
+    "align", "augment", "blend", "check", "compare", "contacts", "convert", "demo", "denoise",
+    "info", "layers", "multires", "prior", "repair", "retime", "stitch", "style", "transfer",
+    "view",
 )  # fmt: skip
 
 

@@ -145,9 +145,10 @@ def test_numbers_that_are_not_finite_are_usage_errors(jaxmotion, take, number):
     found = list(options_with_numbers())
     assert len(found) > 25
     for verb, option, before in found:
-        files = {"align": [take] * 2, "blend": [take] * 3, "demo": []}.get(verb, [take])
+        files = {"align": 2, "blend": 3, "compare": 2, "demo": 0}.get(verb, 1) * [take]
         files = [*files, "--reference", take] if verb == "transfer" else files
-        out = [] if verb in ("check", "info", "demo") else ["-o", "out.npz"]
+        reads = ("check", "compare", "info", "demo", "view")
+        out = [] if verb in reads else ["-o", "out.npz"]
         told = jaxmotion(verb, *files, *out, option, before + number, code=2).stderr
         assert option in told, (verb, told)
         assert "finite" in told or "range" in told

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
+from jaxmotion.cleaning import levels
 from jaxmotion.cli import _beside, _page, _pictures
 from tests.cli.conftest import record_in
 
@@ -60,12 +61,16 @@ def off(clip, path, mask):
     return angle[mask].max(), angle[~mask].max()
 
 
-def test_a_folder_is_its_own_context(jaxmotion, takes, clips, tmp_path):
-    """What is broken is repaired, what is sound is copied, of other joints is looked at alone."""
+def test_a_folder_is_its_own_context(jaxmotion, takes, clips, tmp_path, monkeypatch):
+    """What is broken is repaired, what is sound is copied, of other joints is looked at alone. Each
+    file is searched once."""
+    searches, search = [], levels.searched
+    monkeypatch.setattr(levels, "searched", lambda *x: searches.append(1) or search(*x))
     out, report = tmp_path / "out", tmp_path / "r.html"
     told = jaxmotion("repair", takes, "-o", out, "--report", report).stderr
     walk, case, _ = clips
     assert off(walk, takes / "a.bvh", case.mask)[0] > 10
+    assert len(searches) == 3
     inside, outside = off(walk, out / "a.bvh", case.mask)
     assert inside < 8
     assert outside < 5

@@ -2,7 +2,10 @@
 
 import datetime
 import hashlib
+import html
+import re
 from importlib import metadata
+from urllib.parse import unquote
 
 import click
 import numpy as np
@@ -46,6 +49,8 @@ FILE = CLIP | {
         NONE,
     ),
     "feet": (FEET, NONE),
+    "jerk": ({"before": (float, NONE), "after": (float, NONE)}, NONE),
+    "player": (TEXT, NONE),
     "learned": dict,
 }
 RECORD = {
@@ -137,8 +142,92 @@ def test_a_page(jaxmotion, takes, tmp_path):
     assert "http" not in text
     assert "2 written, 1 failed; finished" in text
     assert "convert --to .npz" in text
-    assert "<th>frames</th><th>frames a second</th><th>seconds it took</th>" in text
+    assert headings(text) == [
+        *("file", "output", "status", "frames", "frames a second", "seconds it took")
+    ]
     assert read(page)["files"][2]["sha256"] == sha256(takes / "c.bvh")
+
+
+def headings(text):
+    """Of all tables of a page."""
+    return re.findall(r'<th><button type="button">(.*?)</button></th>', text)
+
+
+def test_players_of_several_files(jaxmotion, takes, tmp_path):
+    """Beside the report, a page a file; the run after next leaves what it does not make again."""
+    report, out = tmp_path / "my report.html", tmp_path / "out"
+    words = ("denoise", takes, "-o", out, "--report", report)
+    jaxmotion(*words, code=1)
+    good, broken, other = read(report)["files"]
+    assert broken["player"] is None
+    assert broken["jerk"] is None
+    for row, name in ((good, "a"), (other, "c")):
+        assert row["player"].startswith(f"my%20report-players/{name}-")
+        page = report.parent / unquote(row["player"])
+        before, after = (jm.load(folder / f"{name}.bvh") for folder in (takes, out))
+        for clip, when in ((before, "before"), (after, "after")):
+            assert row["jerk"][when] == pytest.approx(jm.metrics.jerk(clip).mean(), rel=1e-3)
+        assert row["jerk"]["after"] < row["jerk"]["before"]
+        text = page.read_text("utf-8")
+        assert '"before"' in text
+        assert f'href="{row["player"]}"' in report.read_text("utf-8")
+    assert len(list((tmp_path / "my report-players").iterdir())) == 2
+    assert "<iframe" not in report.read_text("utf-8")
+    jaxmotion(*words, "--resume", code=1)
+    assert [row["player"] for row in read(report)["files"]] == [
+        good["player"],
+        None,
+        other["player"],
+    ]
+    report.unlink()
+    assert "players exists; add --overwrite" in jaxmotion(*words, code=2).stderr
+
+
+def test_the_player_of_one_file_is_in_the_page(jaxmotion, take, tmp_path):
+    report, out = tmp_path / "r.html", tmp_path / "out.bvh"
+    words = ("denoise", take, "-o", out, "--report", report)
+    jaxmotion(*words)
+    text = report.read_text("utf-8")
+    [hidden] = re.findall(r'<iframe .*?srcdoc="(.*?)"></iframe>', text, re.DOTALL)
+    assert html.unescape(hidden).startswith("<!doctype html>")
+    assert read(report)["files"][0]["player"] is None
+    assert not (tmp_path / "r-players").exists()
+    jaxmotion(*words, "--resume")
+    assert hidden in report.read_text("utf-8")
+
+
+def test_no_player_in_json(jaxmotion, take, tmp_path, monkeypatch):
+    monkeypatch.setattr(jm.viz, "player", None)
+    jaxmotion("denoise", take, "-o", tmp_path / "o.bvh", "--report", tmp_path / "r.json")
+    assert read(tmp_path / "r.json")["files"][0]["jerk"]["before"] > 0
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        (("retime", "--to-fps", "24"), ["before", "after"]),
+        (("layers",), ["before", "base", "denoised"]),
+        (("multires", "--gains", "1,1"), ["before", "after"]),
+        (("repair",), ["before", "after"]),
+        (("augment", "--count", "2"), ["before", "01", "02"]),
+        (("stitch", "other.npz"), ["take", "other", "result"]),
+    ],
+)
+def test_every_editing_verb_has_it(jaxmotion, take, tmp_path, monkeypatch, words, names):
+    monkeypatch.chdir(tmp_path)
+    jm.save(swinging(seed=1), "other.npz")
+    shown = []
+    player = jm.viz.player
+    monkeypatch.setattr(
+        jm.viz, "player", lambda clips, **marks: shown.append(clips) or player(clips, **marks)
+    )
+    verb, *rest = words
+    files = [word for word in rest if "." in word and not word[0].isdigit()]
+    options = [word for word in rest if word not in files]
+    out = "out" if verb in ("layers", "augment") else "out.npz"
+    jaxmotion(verb, take, *files, *options, "-o", out, "--report", "r.html")
+    [clips] = shown
+    assert list(clips) == names
 
 
 def test_pages_escape_names(tmp_path):
@@ -148,7 +237,7 @@ def test_pages_escape_names(tmp_path):
         with _report.Report(tmp_path / "r.html", [job]) as report:
             report.add(_work.Outcome(job, "failed", "</script><script>"))
     text = (tmp_path / "r.html").read_text("utf-8")
-    assert "<script>" not in text
+    assert text.count("<script>") == 1  # its own
     assert "&lt;b&gt;.bvh" in text
     assert read(tmp_path / "r.html")["files"][0]["message"] == "</script><script>"
 
@@ -180,7 +269,7 @@ def test_what_was_learned(jaxmotion, tmp_path):
         assert gain == pytest.approx(0.5, abs=1e-9) or line["hertz"] == 15
     assert [line["joint"] for line in row["learned"]["translations"]] == ["Hips"]
     text = report.read_text()
-    assert "<th>hertz</th>" in text
+    assert "hertz" in headings(text)
     assert "<h4>changes</h4>" in text
     assert "what was learned of" in text
     moved = row["changes"]["distance"]
@@ -210,8 +299,8 @@ def test_rows_of_what_was_learned_are_shown(tmp_path):
             report.add(_work.Outcome(job, "written", effect=effect))
     text = (tmp_path / "r.html").read_text()
     assert "<h4>bridged</h4>" in text
-    assert '<td>Toe</td><td>3, 5</td><td class="number">21.5</td>' in text
-    assert '<td>levels</td><td class="number">3</td>' in text
+    assert '<td>Toe</td><td>3, 5</td><td class="number" data-value="21.5">21.5</td>' in text
+    assert '<td>levels</td><td class="number" data-value="3">3</td>' in text
     assert read(tmp_path / "r.html")["files"][0]["learned"]["bridged"] == lines
 
 
@@ -370,4 +459,4 @@ def test_every_command_that_reads_files_has_it():
     context = click.Context(app)
     commands = {name: app.get_command(context, name) for name in app.list_commands(context)}
     without = {n for n, c in commands.items() if all(p.name != "report" for p in c.params)}
-    assert without == {"demo"}
+    assert without == {"compare", "demo", "view"}
