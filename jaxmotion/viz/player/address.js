@@ -6,7 +6,7 @@ function readAddress(player) {
   const { state, camera } = player;
   if (asked.has("theme")) player.setTheme(asked.get("theme"));
   if (asked.has("speed")) player.setSpeed(Number(asked.get("speed")) || 1);
-  if (asked.has("side")) state.sideBySide = asked.get("side") !== "0";
+  if (asked.has("side") && (asked.get("side") !== "0") !== state.sideBySide) player.flip("sideBySide");
   for (const name of ["trail", "contacts", "list", "follow"])
     if (asked.has(name)) state[name] = asked.get(name) !== "0";
   if (asked.has("pick")) state.picked = new Set(asked.getAll("pick"));

@@ -1,7 +1,7 @@
 // window.jaxmotionPlayer, which main.js describes, and the start.
 
 function apiOf(player) {
-  const { state, camera } = player;
+  const { state } = player;
   const clipAt = (clip) => state.clips[clip];
   const number = (joint, clip) => (typeof joint === "string" ? clipAt(clip).number.get(joint) : joint);
   const box = () => player.picture.canvas.getBoundingClientRect();
@@ -31,7 +31,8 @@ function apiOf(player) {
     project(joint, clip = 0) {
       player.looking.followFigure();
       const view = api.viewport(clip);
-      const at = projected(api.position(joint, clip), camera.matrix(view.w / view.h), view);
+      const seenBy = player.looking.viewOf(clipAt(clip)).camera;
+      const at = projected(api.position(joint, clip), seenBy.matrix(view.w / view.h), view);
       return at && at.slice(0, 2);
     },
     get timing() {
@@ -99,8 +100,8 @@ listenToTime(player, player.curves.canvas, player.timeline);
 new ResizeObserver(() => player.resize()).observe(document.getElementById("stage"));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => player.recolour());
 addEventListener("hashchange", () => readAddress(player));
-readAddress(player);
 player.resize();
+readAddress(player);
 const isCalm = content.isSmall || matchMedia("(prefers-reduced-motion: reduce)").matches;
 const isAsked = new URLSearchParams(location.hash.slice(1)).has("paused");
 if (!isCalm && !isAsked && player.state.numFrames > 1) player.play();

@@ -42,6 +42,13 @@ class Camera {
     return this.distance + 60 * this.size;
   }
 
+  // The same, looking at another place.
+  moved(offset) {
+    const other = Object.assign(new Camera(this.size), this);
+    other.target = add(this.target, offset);
+    return other;
+  }
+
   projection(aspect) {
     return perspective(this.angleOf(aspect), aspect, this.near, this.far);
   }

@@ -7,7 +7,7 @@ class CanvasPicture {
     this.name = "canvas2d";
   }
 
-  draw(views, camera, look, scale) {
+  draw(views, look, scale) {
     const c = this.context;
     c.setTransform(scale, 0, 0, scale, 0, 0);
     c.clearRect(0, 0, this.canvas.width, this.canvas.height);
@@ -16,12 +16,13 @@ class CanvasPicture {
       c.beginPath();
       c.rect(view.x, view.y, view.w, view.h);
       c.clip();
-      this.drawView(view, camera, look);
+      this.drawView(view, look);
       c.restore();
     }
   }
 
-  drawView(view, camera, look) {
+  drawView(view, look) {
+    const { camera } = view;
     const matrix = camera.matrix(view.w / view.h);
     const seen = (point) => projected(point, matrix, view);
     const focal = view.h / 2 / Math.tan(camera.angleOf(view.w / view.h) / 2);

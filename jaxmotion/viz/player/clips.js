@@ -19,6 +19,7 @@ class Clip {
     this.facing = given.facing;
     this.joints = given.joints;
     this.parents = given.parents;
+    this.loose = new Set(given.loose); // points that no bone of one length holds
     this.numPoints = given.parents.length;
     this.numJoints = given.joints.length;
     this.root = numbersOf(given.root, Float32Array);

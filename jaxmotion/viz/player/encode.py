@@ -27,6 +27,7 @@ from jaxmotion.skeleton import Skeleton
 _STEPS, _MISSING = 32767, -32768
 _LEVELS, _NONE = 65534, 65535
 _LOOKED_AT = 64  # frames
+_STRETCH = 0.02  # of a bone's length: what varies more is no bone
 _NEAR = 0.2  # of the figure's size: a floor so near is the one at height 0
 
 
@@ -65,6 +66,7 @@ def upright(points: np.ndarray, skeleton: Skeleton) -> np.ndarray:
 def encoded(figure: Figure, origin: Float[np.ndarray, "3"]) -> dict[str, Any]:
     """What the page holds of a clip, but for its name and marks; ``origin``: the page's."""
     motion, skeleton = figure.motion, figure.motion.skeleton
+    parents = [*skeleton.parents, *skeleton.end_joints]
     points = figure.points - origin
     root = points[:, :1]
     places = points - root
@@ -75,7 +77,8 @@ def encoded(figure: Figure, origin: Float[np.ndarray, "3"]) -> dict[str, Any]:
         "frames": motion.num_frames,
         "frameTime": float(motion.frame_time),
         "joints": [printable(name) for name in skeleton.names],
-        "parents": [*skeleton.parents, *skeleton.end_joints],
+        "parents": parents,
+        "loose": _loose(figure.points, parents),
         "size": figure.size,
         "facing": figure.facing,
         "root": text_of(root[:, 0], np.float32),
@@ -183,6 +186,17 @@ def _size(points: np.ndarray) -> float:
     if not len(poses):
         return 1.0
     return float(np.median(np.ptp(poses, axis=1).max(axis=-1))) or 1.0
+
+
+def _loose(points: np.ndarray, parents: list[int]) -> list[int]:
+    """Points that come nearer to their parents and go away again, as hips do to a root that stays
+    on the floor."""
+    poses = _some(points)
+    if not len(poses):
+        return []
+    long = np.linalg.norm(poses - poses[:, parents], axis=-1)
+    varies = np.ptp(long, axis=0) > _STRETCH * long.max(axis=0)
+    return [p for p in np.flatnonzero(varies).tolist() if parents[p] >= 0]
 
 
 def _floor(points: np.ndarray, size: float) -> float:

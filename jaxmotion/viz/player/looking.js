@@ -5,8 +5,7 @@ class Looking {
   constructor(state, size, changed) {
     Object.assign(this, { state, size, changed, width: 0, height: 0, followed: null });
     this.camera = new Camera(size);
-    state.follow = this.travel() > 0.8 * size;
-    this.frameAll();
+    state.follow = this.travel() > 0.4 * size;
     this.lookFrom((35 * Math.PI) / 180, 0.16);
   }
 
@@ -23,7 +22,7 @@ class Looking {
 
   frameAll() {
     const { state, camera } = this;
-    const clips = state.clips.filter((clip) => clip.visible);
+    const clips = state.clips.filter((clip) => clip.visible && !this.isApart(clip));
     const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
     for (const clip of clips)
       for (const frame of state.follow ? [clip.frameAt(state.time)] : sampled(clip.frames))
@@ -35,8 +34,11 @@ class Looking {
     const isKnown = low[0] <= high[0];
     camera.target = isKnown ? mixed(low, high, 0.5) : [0, this.size / 2, 0];
     camera.target[1] += 0.04 * this.size; // below the names on top
-    const wide = isKnown ? length(subtract(high, low)) : this.size;
-    camera.distance = (0.66 * Math.max(wide, this.size)) / Math.tan(camera.fov / 2);
+    const [x, y, z] = isKnown ? subtract(high, low) : [0, this.size, 0];
+    const aspect = this.width / this.height;
+    const tall = (0.7 * Math.max(y, this.size)) / Math.max(1 / aspect, 1);
+    const wide = (0.6 * Math.hypot(x, z)) / Math.max(aspect, 1);
+    camera.distance = Math.max(tall, wide) / Math.tan(camera.fov / 2) + Math.hypot(x, z) / 3;
     this.followed = null;
     this.followFigure();
     this.changed();
@@ -78,11 +80,28 @@ class Looking {
     this.followed = [x, 0, z];
   }
 
-  // {x, y, w, h, clips} in CSS pixels of the stage: one, or one a clip.
+  // Side by side, a clip that starts elsewhere than the first shown has a camera that goes with it;
+  // others share one, so that what differs is seen.
+  isApart(clip) {
+    const [first] = this.state.clips.filter((c) => c.visible);
+    if (!this.state.sideBySide || !first || clip === first) return false;
+    return length(onGround(subtract(clip.rootAt(0), first.rootAt(0)))) > 0.5 * this.size;
+  }
+
+  cameraOf(clip) {
+    if (!this.isApart(clip)) return this.camera;
+    const { state } = this;
+    const first = state.clips.find((c) => c.visible);
+    const place = (c) => c.rootAt(state.follow ? c.frameAt(state.time) : 0);
+    const away = onGround(subtract(place(clip), place(first)));
+    return Number.isFinite(length(away)) ? this.camera.moved(away) : this.camera;
+  }
+
+  // {x, y, w, h, clips, camera} in CSS pixels of the stage: one, or one a clip.
   get views() {
     const { state, width, height } = this;
     const shown = state.clips.filter((clip) => clip.visible);
-    if (!state.sideBySide || shown.length < 2) return [{ x: 0, y: 0, w: width, h: height, clips: shown }];
+    if (!state.sideBySide || shown.length < 2) return [{ x: 0, y: 0, w: width, h: height, clips: shown, camera: this.camera }];
     const n = shown.length;
     const isWide = width >= height;
     return shown.map((clip, k) => ({
@@ -91,6 +110,7 @@ class Looking {
       w: isWide ? width / n : width,
       h: isWide ? height : height / n,
       clips: [clip],
+      camera: this.cameraOf(clip),
     }));
   }
 
@@ -100,10 +120,10 @@ class Looking {
 
   // The joint that is seen nearest to a place of the stage, within some pixels.
   jointAt([x, y], reach) {
-    const { state, camera } = this;
+    const { state } = this;
     let best = { cost: reach, name: null };
     for (const view of this.views) {
-      const matrix = camera.matrix(view.w / view.h);
+      const matrix = view.camera.matrix(view.w / view.h);
       for (const clip of view.clips) {
         const pose = clip.at(clip.frameAt(state.time));
         for (let j = 0; j < clip.numJoints; j++) {
@@ -122,3 +142,5 @@ function sampled(frames) {
   const every = 1 + (frames >> 7);
   return Array.from({ length: Math.ceil(frames / every) }, (_, k) => k * every);
 }
+
+const onGround = ([x, , z]) => [x, 0, z];

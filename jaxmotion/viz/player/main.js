@@ -255,6 +255,8 @@ class Player {
 
   flip(name) {
     this.state[name] = !this.state[name];
+    const isApart = (clip) => this.looking.isApart(clip);
+    if (name === "sideBySide" && this.state.clips.some(isApart)) this.looking.frameAll();
     this.changed();
   }
 
@@ -297,6 +299,8 @@ class Player {
     this.scale = Math.min(devicePixelRatio || 1, SCALE_MOST);
     this.looking.width = Math.max(stage.width, 1);
     this.looking.height = Math.max(stage.height, 1);
+    if (!this.isFramed) this.looking.frameAll();
+    this.isFramed = true;
     canvas.width = Math.round(this.looking.width * this.scale);
     canvas.height = Math.round(this.looking.height * this.scale);
     const width = Math.max(document.getElementById("dock").clientWidth, 1);
@@ -332,7 +336,7 @@ class Player {
   draw() {
     if (!this.looking.width) return;
     const start = performance.now();
-    const { state, camera, picture } = this;
+    const { state, picture } = this;
     this.looking.followFigure();
     if (this.isPanelStale) {
       this.panels.update();
@@ -342,7 +346,7 @@ class Player {
       ...view,
       lists: view.clips.map((clip, k) => this.scene.build(clip, k === view.clips.length - 1)),
     }));
-    picture.draw(views, camera, this.look, this.scale);
+    picture.draw(views, this.look, this.scale);
     this.timeline.draw();
     this.curves.draw();
     this.panels.updateFrame();

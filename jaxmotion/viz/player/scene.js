@@ -82,7 +82,8 @@ class Scene {
       for (let frame = 0; parent >= 0 && frame < clip.frames; frame++) {
         const long = length(subtract(clip.position(p, frame), clip.position(parent, frame)));
         if (Number.isNaN(long)) continue;
-        const thick = clamp(0.13 * long, 0.0035 * clip.size, 0.024 * clip.size);
+        const most = clip.loose.has(p) ? 0.005 : 0.024; // of what is no bone, a line
+        const thick = clamp(0.13 * long, 0.0035 * clip.size, most * clip.size);
         radii[p] = long > 1e-5 * clip.size ? Math.min(thick, 0.5 * long) : 0;
         break;
       }

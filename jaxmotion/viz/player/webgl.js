@@ -136,8 +136,8 @@ class WebGLPicture {
     return { array, count: indices.length };
   }
 
-  // `views`: {x, y, w, h, lists: [of Scene.build]}; `look`: colours, the light, cell, reach.
-  draw(views, camera, look, scale) {
+  // `views`: {x, y, w, h, camera, lists: [of Scene.build]}; `look`: colours, the light, cell, reach.
+  draw(views, look, scale) {
     const { gl } = this;
     gl.viewport(0, 0, this.canvas.width, this.canvas.height);
     gl.disable(gl.SCISSOR_TEST);
@@ -150,11 +150,12 @@ class WebGLPicture {
       const pixels = box.map((x) => Math.round(x * scale));
       gl.viewport(...pixels);
       gl.scissor(...pixels);
-      this.drawView(view, camera, look);
+      this.drawView(view, look);
     }
   }
 
-  drawView(view, camera, look) {
+  drawView(view, look) {
+    const { camera } = view;
     const { gl } = this;
     const matrix = new Float32Array(camera.matrix(view.w / view.h));
     gl.enable(gl.DEPTH_TEST);
