@@ -371,19 +371,20 @@ def test_a_clip_shows_a_small_player():
     np.testing.assert_allclose(places(page["clips"][0]) + page["origin"], oracle(motion), atol=1e-4)
 
 
-@pytest.mark.parametrize(("frames", "joints", "every"), [(900, 22, "3rd"), (4000, 150, "52nd")])
-def test_long_and_large_clips_are_thinned(frames, joints, every):
+@pytest.mark.parametrize(("frames", "joints"), [(900, 22), (4000, 150)])
+def test_long_and_large_clips_are_thinned(frames, joints):
     motion = random_motion(np.random.default_rng(0), frames, joints).astype("float32")
     shown = motion._repr_html_()
-    assert len(shown) < 260_000
+    assert len(shown) < 300_000
     said = shown.rpartition("</iframe>")[2]
-    step = int(every[:-2])
-    assert f"{-(-frames // step)} frames: every {every} is here" in said
-    (clip,) = content(page_of(shown))["clips"]
+    left, step = map(int, re.search(r"(\d+) frames: every (\d+)\w\w is here", said).groups())
+    assert left == -(-frames // step)
+    page = content(page_of(shown))
+    (clip,) = page["clips"]
+    assert clip["frames"] == left
     assert math.isclose(clip["frameTime"], step * float(motion.frame_time), rel_tol=1e-6)
-    np.testing.assert_allclose(
-        clip["frames"] * clip["frameTime"], frames * float(motion.frame_time), rtol=0.05
-    )
+    want = upright(oracle(motion[::step]), motion.skeleton.up) - page["origin"]
+    np.testing.assert_allclose(places(clip), want, atol=1e-3 * np.abs(want).max())
 
 
 def test_what_is_no_clip_to_draw_shows_its_table_alone():

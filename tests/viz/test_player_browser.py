@@ -306,6 +306,21 @@ def test_where_webgl_is_lost_a_plain_canvas_goes_on(browser):
     assert browser.get("p.camera.yaw") != yaw
 
 
+def test_slow_webgl_gives_way(browser):
+    """As without a graphics card: here every frame takes 60 ms."""
+    slow = "window.requestAnimationFrame = (f) => setTimeout(() => f(performance.now()), 60)"
+    made = browser.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": slow})
+    try:
+        for asked, renderer in (("speed=1", "canvas2d"), ("webgl2", "webgl2")):
+            browser.open("chain", asked)
+            stop = time.monotonic() + 20
+            while browser.get("p.timing.frames") < 40 and time.monotonic() < stop:
+                time.sleep(0.05)
+            assert browser.get("p.renderer") == renderer
+    finally:
+        browser.driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", made)
+
+
 # Time
 
 

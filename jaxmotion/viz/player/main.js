@@ -19,11 +19,11 @@
 //   project(joint, clip = 0)          [x, y] in CSS pixels of the window, null behind the camera
 //   picked, hidden                    names of joints, get and set
 //   follow, trail, contacts, marks (errors in colour), sideBySide, list, theme     get and set
-//   timing        {frames, draw, interval}: frames drawn, ms of the last sixty, their mean
+//   timing        {frames, draw, interval}: frames drawn, ms of the last thirty, their mean
 //   measure(n)    draws n frames one after another: ms a frame
 
 const SCALE_MOST = 2; // pixels of the picture a CSS pixel
-const KEPT = 60; // times of frames
+const KEPT = 30; // times of frames
 const SLOW = 40; // ms a frame
 
 class Player {

@@ -1,7 +1,7 @@
 """The small player that a clip is in a notebook.
 
 A notebook keeps every output it has shown, so a long or large clip is thinned: every second, third,
-n-th frame, until its numbers fit in 80 kB. What is left out is said below.
+n-th frame, until its numbers fit in 110 kB. What is left out is said below.
 """
 
 import math
@@ -14,7 +14,7 @@ from jaxmotion.motion import Motion
 from jaxmotion.viz.player.arguments import Given
 from jaxmotion.viz.player.page import content_of, framed, written
 
-_BYTES = 80_000
+_BYTES = 110_000
 _HEIGHT = 380  # pixels
 _MOST_JOINTS = 2000
 
