@@ -43,21 +43,31 @@ _FIGURES: tuple[tuple[tuple[str, ...], str], ...] = (
 )
 
 _STYLE = """
-body { font: 15px/1.4 system-ui, sans-serif; margin: 2em; }
-table { border-collapse: collapse; margin: 1em 0; }
-th, td { border-bottom: 1px solid #8886; padding: .3em .8em; }
-th, td { text-align: left; vertical-align: top; overflow-wrap: anywhere; }
-th { font-weight: 600; }
+:root { color-scheme: light dark; }
+body { font: 15px/1.45 system-ui, sans-serif; margin: 1.5em auto; padding: 0 1.25em; }
+body { max-width: 110em; }
+h1 { font-size: 1.5em; margin: 0 0 .4em; overflow-wrap: anywhere; }
+h4 { margin: 1.4em 0 .2em; }
+p { margin: .3em 0; }
+.table { overflow-x: auto; margin: 1em 0; }
+table { border-collapse: collapse; }
+th, td { border-bottom: 1px solid #8884; padding: .35em .7em; }
+th, td { text-align: left; vertical-align: top; }
+th { font-weight: 600; font-size: 13px; line-height: 1.3; vertical-align: bottom; max-width: 9em; }
+td:first-child { min-width: 12em; max-width: 26em; overflow-wrap: anywhere; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-tr.failed td { color: #b00020; }
-tr.skipped td, tr.not-tried td { color: #777; }
-small { color: #777; display: block; }
-th button { font: inherit; text-align: left; background: none; border: 0; padding: 0; }
+tbody tr:hover { background: #8881; }
+tr.failed td { color: #c62a3a; }
+tr.skipped td, tr.not-tried td { color: #888; }
+small { color: #888; display: block; }
+th button { font: inherit; text-align: inherit; background: none; border: 0; padding: 0; }
 th button { color: inherit; cursor: pointer; }
-thead th[aria-sort=descending]::after { content: " \\25be"; }
-thead th[aria-sort=ascending]::after { content: " \\25b4"; }
+thead th[aria-sort=descending] button::after { content: " \\25be"; }
+thead th[aria-sort=ascending] button::after { content: " \\25b4"; }
+details { margin: .6em 0; }
 summary { cursor: pointer; }
 img { max-width: 100%; }
+.pictures { margin: 1em 0; }
 """
 
 PLAYER = 640  # pixels of height
@@ -90,7 +100,10 @@ def page(record: dict[str, Any], pictures: Mapping[str, str] = MappingProxyType(
     shown = [(where, heading) for where, heading in _FIGURES if _tells(entries, where)]
     headings = ["file", "output", "status", *(heading for _, heading in shown)]
     rows = "\n".join(_row(entry, [where for where, _ in shown]) for entry in entries)
-    learned = "\n".join(_learned(e, pictures.get(e["input"], ""), len(entries)) for e in entries)
+    shows = {entry["input"]: _pictures(entry, pictures) for entry in entries}
+    # Of one file what is to be looked at comes first.
+    top = shows.pop(entries[0]["input"]) if len(entries) == 1 else ""
+    learned = "\n".join(_learned(entry, shows.get(entry["input"], "")) for entry in entries)
     counts = ", ".join(f"{n} {status}" for status, n in record["counts"].items() if n)
     asked = " ".join([record["command"], *map(_spelt, record["options"].items())])
     preset = f", preset {as_text(record['preset'])}" if record["preset"] else ""
@@ -100,6 +113,7 @@ def page(record: dict[str, Any], pictures: Mapping[str, str] = MappingProxyType(
         f"<p>{counts}; {as_text(record['end'])}</p>",
         f"<p><code>{as_text(' '.join(asked.split()))}</code>{preset}</p>",
         f"<p>{record['begun']} to {record['ended']}; {versions}</p>",
+        top,
         _table(headings, rows),
         learned,
         f'<script type="application/json" id="record">\n{hidden}\n</script>',
@@ -113,7 +127,7 @@ def document(title: str, parts: Sequence[str]) -> str:
     body = "\n".join(parts)
     return f"""<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>{head}</title>
-<meta name="viewport" content="width=device-width">
+<meta name="viewport" content="width=device-width, initial-scale=1">
 <style>{_STYLE}</style>
 <h1>{head}</h1>
 {body}
@@ -121,12 +135,14 @@ def document(title: str, parts: Sequence[str]) -> str:
 </html>"""
 
 
-def table_of(title: str, rows: Sequence[dict[str, Any]]) -> str:
-    """Rows of the same keys under a heading."""
+def table_of(
+    title: str, rows: Sequence[dict[str, Any]], headings: Sequence[str] | None = None
+) -> str:
+    """Rows of the same keys under a heading; ``headings`` of columns, by default the keys."""
     if not rows:
         return ""
     body = "\n".join(f"<tr>{''.join(map(_cell, row.values()))}</tr>" for row in rows)
-    return f"<h4>{as_text(title)}</h4>{_table(list(rows[0]), body)}"
+    return f"<h4>{as_text(title)}</h4>{_table(headings or list(rows[0]), body)}"
 
 
 def listed(lines: Sequence[str]) -> str:
@@ -142,7 +158,8 @@ def pictures_in(text: str) -> dict[str, str]:
 def _table(headings: Sequence[str], rows: str) -> str:
     buttons = (f'<button type="button">{as_text(heading)}</button>' for heading in headings)
     head = "".join(f"<th>{button}</th>" for button in buttons)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>"
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>"
+    return f'<div class="table">{table}</div>'
 
 
 def _row(entry: dict[str, Any], shown: Sequence[tuple[str, ...]]) -> str:
@@ -156,24 +173,29 @@ def _row(entry: dict[str, Any], shown: Sequence[tuple[str, ...]]) -> str:
     return f'<tr class="{entry["status"].replace(" ", "-")}">{"".join(cells)}</tr>'
 
 
-def _learned(entry: dict[str, Any], pictures: str, files: int) -> str:
-    """What was learned of a file, folded unless it is the only one: pictures; values in one table,
-    the tables by name."""
+def _pictures(entry: dict[str, Any], pictures: Mapping[str, str]) -> str:
+    """What is to be looked at of a file."""
+    name = entry["input"]
+    if not pictures.get(name):
+        return ""
+    return f'<div class="pictures" data-input="{as_text(name)}">\n{pictures[name]}\n</div>'
+
+
+def _learned(entry: dict[str, Any], shown: str) -> str:
+    """What was learned of a file, folded: what is ``shown`` of it, values in one table, the tables
+    by name."""
     learned = entry["learned"]
-    if not (learned or pictures):
+    if not (learned or shown):
         return ""
     tables = {name: rows for name, rows in learned.items() if _is_table(rows)}
     values = {name: value for name, value in learned.items() if name not in tables}
-    name, parts = as_text(entry["input"]), []
-    if pictures:
-        parts.append(f'<div class="pictures" data-input="{name}">\n{pictures}\n</div>')
+    parts = [shown] if shown else []
     if values:
         rows = "\n".join(f"<tr>{_cell(n)}{_cell(v)}</tr>" for n, v in values.items())
         parts.append(_table((), rows))
     parts += [table_of(name, lines) for name, lines in tables.items()]
-    title = f"what was learned of {name}"
-    unfolded = " open" * (files == 1)
-    return f"<details{unfolded}><summary>{title}</summary>\n{''.join(parts)}</details>"
+    title = f"what was learned of {as_text(entry['input'])}"
+    return f"<details><summary>{title}</summary>\n{''.join(parts)}</details>"
 
 
 def _is_table(value: Any) -> bool:

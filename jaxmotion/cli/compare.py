@@ -17,8 +17,14 @@ if TYPE_CHECKING:
     from jaxmotion import Motion
 
 _SHOWN = 12
+_PICKED = 3
 _RATES = 0.001  # that rates may differ by
 
+_OF_JOINTS = (
+    *("joint", "turned, mean, degrees", "turned most", "at frame"),
+    *("moved, mean, length units", "moved most", "at frame"),
+)
+_OF_FRAMES = "frame", "turned most, degrees", "joint", "moved most, length units", "joint"
 _NOTES = {
     "joints": "only in one: {}",
     "rate": "{} was resampled to {:.6g} frames a second",
@@ -214,10 +220,12 @@ def _page(
         every[:, at] = values
         curves[title_of] = every
     clips = dict(zip(names, (pair.first, pair.second), strict=True))
+    most = [row["joint"] for row in by_joint[:_PICKED] if row["degrees_most"] > 0]
+    page = player(clips, curves=curves, picked=most)
     parts = [
-        framed(player(clips, curves=curves).html, PLAYER),
+        framed(page.html, PLAYER),
         listed(pair.notes),
-        table_of("by joint", by_joint),
-        table_of("by frame", by_frame),
+        table_of("By joint", by_joint, _OF_JOINTS),
+        table_of("By frame", by_frame, _OF_FRAMES),
     ]
     return document(title, parts)

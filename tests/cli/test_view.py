@@ -123,7 +123,7 @@ def test_compare(jaxmotion, take, opened, tmp_path):
     assert frames[6]["turned"] == "LeftArm"
     page = opened[0].read_text("utf-8")
     assert page.count("<iframe") == 1
-    assert "by frame" in page
+    assert "By frame" in page
 
 
 def test_compare_in_words(jaxmotion, take, opened, tmp_path):

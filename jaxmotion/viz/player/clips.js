@@ -22,7 +22,7 @@ class Clip {
     this.loose = new Set(given.loose); // points that no bone of one length holds
     this.numPoints = given.parents.length;
     this.numJoints = given.joints.length;
-    this.root = numbersOf(given.root, Float32Array);
+    this.middle = numbersOf(given.middle, Float32Array);
     this.reach = numbersOf(given.reach, Float32Array);
     this.places = numbersOf(given.places, Int16Array);
     this.angles = numbersOf(given.angles, Uint16Array);
@@ -41,12 +41,12 @@ class Clip {
   at(frame) {
     if (this.posed === frame) return this.pose;
     this.posed = frame;
-    const { pose, places, reach, root, numPoints } = this;
+    const { pose, places, reach, middle, numPoints } = this;
     const start = 3 * numPoints * frame;
     for (let p = 0, k = 0; p < numPoints; p++)
       for (let axis = 0; axis < 3; axis++, k++) {
         const step = places[start + k];
-        pose[k] = step === -32768 ? NaN : root[3 * frame + axis] + step * reach[p];
+        pose[k] = step === -32768 ? NaN : middle[3 * frame + axis] + step * reach[p];
       }
     return pose;
   }
@@ -55,8 +55,8 @@ class Clip {
     return [...this.at(frame).subarray(3 * point, 3 * point + 3)];
   }
 
-  rootAt(frame) {
-    return [...this.root.subarray(3 * frame, 3 * frame + 3)];
+  middleAt(frame) {
+    return [...this.middle.subarray(3 * frame, 3 * frame + 3)];
   }
 
   // The frame shown at a time of the shared clock; the last one stays.
@@ -105,13 +105,13 @@ class Clip {
     const a = Math.max(frame - 1, 0);
     const b = Math.min(frame + 1, this.frames - 1);
     if (a === b) return 0;
-    const { places, root, numPoints, reach } = this;
+    const { places, middle, numPoints, reach } = this;
     let sum = 0;
     for (let axis = 0; axis < 3; axis++) {
       const before = places[3 * (a * numPoints + joint) + axis];
       const after = places[3 * (b * numPoints + joint) + axis];
       if (before === -32768 || after === -32768) return NaN;
-      const moved = root[3 * b + axis] - root[3 * a + axis] + (after - before) * reach[joint];
+      const moved = middle[3 * b + axis] - middle[3 * a + axis] + (after - before) * reach[joint];
       sum += moved * moved;
     }
     return Math.sqrt(sum) / ((b - a) * this.frameTime);
@@ -122,7 +122,7 @@ class Clip {
     const k = 3 * (frame * this.numPoints + joint);
     if (this.places[k] === -32768) return [NaN, NaN, NaN];
     return [0, 1, 2].map((axis) =>
-      this.root[3 * frame + axis] + this.places[k + axis] * this.reach[joint]);
+      this.middle[3 * frame + axis] + this.places[k + axis] * this.reach[joint]);
   }
 
   // From the joint of that name in another clip, at the same time.

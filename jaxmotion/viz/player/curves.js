@@ -11,7 +11,7 @@ class Curves {
     this.state = state;
     this.timeline = timeline;
     this.kinds = kinds;
-    this.kind = kinds[0];
+    this.kind = kinds.find((kind) => kind.isGiven) || kinds[0];
     this.still = document.createElement("canvas");
     this.known = new Map(); // values by kind, clip and joint
     this.isStale = true;

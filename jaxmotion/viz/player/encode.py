@@ -1,7 +1,7 @@
 """What a page holds of a clip: numbers in a few bytes each, as text.
 
-    root     f32[T, 3]      where the root is, from the page's origin
-    places   i16[T, P, 3]   from the root to joint or end site p, in steps of reach[p]
+    middle   f32[T, 3]      where the figure is, from the page's origin: the median of its points
+    places   i16[T, P, 3]   from the middle to joint or end site p, in steps of reach[p]
     reach    f32[P]         the largest component of any of them / 32767
     angles   u16[T, J]      of local rotations, in steps of π / 65534
 
@@ -68,8 +68,8 @@ def encoded(figure: Figure, origin: Float[np.ndarray, "3"]) -> dict[str, Any]:
     motion, skeleton = figure.motion, figure.motion.skeleton
     parents = [*skeleton.parents, *skeleton.end_joints]
     points = figure.points - origin
-    root = points[:, :1]
-    places = points - root
+    middle = middle_of(points)
+    places = points - middle[:, None]
     largest = np.max(np.abs(places), axis=(0, 2), initial=0, where=np.isfinite(places))
     reach = (np.where(largest > 0, largest, 1) / _STEPS).astype(np.float32)
     steps = np.nan_to_num(np.rint(places / reach[:, None]), nan=_MISSING)
@@ -81,11 +81,23 @@ def encoded(figure: Figure, origin: Float[np.ndarray, "3"]) -> dict[str, Any]:
         "loose": _loose(figure.points, parents),
         "size": figure.size,
         "facing": figure.facing,
-        "root": text_of(root[:, 0], np.float32),
+        "middle": text_of(middle, np.float32),
         "reach": text_of(reach, np.float32),
         "places": text_of(np.clip(steps, _MISSING, _STEPS), np.int16),
         "angles": text_of(_angles(np.asarray(motion.rotations)), np.uint16),
     }
+
+
+def middle_of(points: Float[np.ndarray, "time point 3"]) -> Float[np.ndarray, "time 3"]:
+    """The median over the points, axis by axis: a root that stays while the body goes is none of
+    it. NaN where no point is finite."""
+    finite: np.ndarray = np.isfinite(points).all(axis=-1)
+    middle = np.full((len(points), 3), np.nan)
+    whole: np.ndarray = np.all(finite, axis=-1)
+    middle[whole] = np.median(points[whole], axis=1)
+    for frame in np.flatnonzero(np.sum(finite, axis=-1) * ~whole):
+        middle[frame] = np.median(points[frame, finite[frame]], axis=0)
+    return middle
 
 
 def encoded_contacts(figure: Figure, contacts: Contacts, origin: np.ndarray) -> dict[str, Any]:

@@ -11,10 +11,10 @@ class Looking {
 
   travel() {
     const clip = this.state.clips[0];
-    const first = clip.rootAt(0);
+    const first = clip.middleAt(0);
     let most = 0;
     for (let frame = 0; frame < clip.frames; frame += 1 + (clip.frames >> 8)) {
-      const [x, , z] = subtract(clip.rootAt(frame), first);
+      const [x, , z] = subtract(clip.middleAt(frame), first);
       if (Number.isFinite(x + z)) most = Math.max(most, Math.hypot(x, z));
     }
     return most;
@@ -74,7 +74,7 @@ class Looking {
       this.followed = null;
       return;
     }
-    const [x, , z] = clip.rootAt(clip.frameAt(state.time));
+    const [x, , z] = clip.middleAt(clip.frameAt(state.time));
     if (!Number.isFinite(x + z)) return;
     if (this.followed) camera.target = add(camera.target, subtract([x, 0, z], this.followed));
     this.followed = [x, 0, z];
@@ -85,14 +85,14 @@ class Looking {
   isApart(clip) {
     const [first] = this.state.clips.filter((c) => c.visible);
     if (!this.state.sideBySide || !first || clip === first) return false;
-    return length(onGround(subtract(clip.rootAt(0), first.rootAt(0)))) > 0.5 * this.size;
+    return length(onGround(subtract(clip.middleAt(0), first.middleAt(0)))) > 0.5 * this.size;
   }
 
   cameraOf(clip) {
     if (!this.isApart(clip)) return this.camera;
     const { state } = this;
     const first = state.clips.find((c) => c.visible);
-    const place = (c) => c.rootAt(state.follow ? c.frameAt(state.time) : 0);
+    const place = (c) => c.middleAt(state.follow ? c.frameAt(state.time) : 0);
     const away = onGround(subtract(place(clip), place(first)));
     return Number.isFinite(length(away)) ? this.camera.moved(away) : this.camera;
   }

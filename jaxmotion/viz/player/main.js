@@ -38,7 +38,7 @@ class Player {
       time: 0, playing: false, speed: 1, loop: null,
       follow: false, trail: false, contacts: true, marks: true,
       sideBySide: content.sideBySide, list: false, help: false,
-      hidden: new Set(), picked: new Set(), hover: null, colours: null,
+      hidden: new Set(), picked: new Set(content.picked), hover: null, colours: null,
       get frame() {
         return clamp(Math.round(this.time / frameTime), 0, this.numFrames - 1);
       },

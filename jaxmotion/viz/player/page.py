@@ -7,7 +7,7 @@ text; by its own policy no other script runs in it, and nothing is fetched.
 import html
 import re
 from base64 import b64encode
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from hashlib import sha256
@@ -80,6 +80,7 @@ def player(
     | Mapping[str, DetectedErrors | Bool[ArrayLike, "time *joint"]]
     | None = None,
     curves: Mapping[str, Any] | None = None,
+    picked: Sequence[str] = (),
     title: str = "",
     side_by_side: bool = False,
     theme: str = "auto",
@@ -95,7 +96,8 @@ def player(
     of :func:`jaxmotion.cleaning.detect_errors`, or a mask bool[T] or bool[T, J]; ``curves``: f[T]
     or f[T, J] by what to call them. These three belong to the first motion, unless they are given
     by the name of theirs: ``contacts={"after": found}``, ``curves={"energy": {"after": e}}``.
-    ``title``: of the page; ``side_by_side``: begin so with several motions, not one over the other;
+    ``picked``: joints that stand out at first, and have curves of their own, by name; ``title``: of
+    the page; ``side_by_side``: begin so with several motions, not one over the other;
     ``theme``: "light", "dark", or "auto" as the system has it.
     **Returns:** :class:`Player`: ``.html``, ``.save("walk.html")``.
     **Raises:** ``ValueError`` for what is no motion, batches, contacts, errors and curves of other
@@ -111,7 +113,14 @@ def player(
         >>> page.save("walk.html")  # doctest: +SKIP
     """
     given = read(motion, contacts, errors, curves, theme)
-    view = {"title": title, "sideBySide": bool(side_by_side)}
+    known = {name for clip in given.motions.values() for name in clip.skeleton.names}
+    if unknown := [name for name in picked if name not in known]:
+        raise ValueError(f"player: picked={unknown[0]!r} is no joint of any motion")
+    view = {
+        "title": title,
+        "picked": [printable(name) for name in picked],
+        "sideBySide": bool(side_by_side),
+    }
     text = written(content_of(given, view), title or "jaxmotion", theme)
     frames = max(clip.num_frames for clip in given.motions.values())
     return Player(text, tuple(given.motions), frames)
@@ -178,8 +187,8 @@ def framed(page: str, height: int) -> str:
 
 def _origin(first: encode.Figure) -> np.ndarray:
     """Below the first pose, on the floor."""
-    roots = first.points[:, 0]
-    whole = roots[np.isfinite(roots).all(axis=-1)]
+    middles = encode.middle_of(first.points)
+    whole = middles[np.isfinite(middles).all(axis=-1)]
     x, _, z = whole[0] if len(whole) else np.zeros(3)
     return np.array([x, first.floor, z])
 

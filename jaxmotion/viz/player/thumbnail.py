@@ -27,7 +27,7 @@ def thumbnail(motion: Motion) -> str | None:
     a_frame = 6 * (joints + len(motion.skeleton.end_joints)) + 2 * joints
     every = max(1, -(-frames * a_frame // _BYTES))
     kept = motion[::every]
-    view = {"title": "", "sideBySide": False, "isSmall": True}
+    view = {"title": "", "picked": [], "sideBySide": False, "isSmall": True}
     page = written(content_of(Given({"": kept}, {}, {}, []), view), "jaxmotion")
     thinned = f"{some(len(kept), 'frame')}: every {_ordinal(every)} is here. " if every > 1 else ""
     said = f"{thinned}<code>jaxmotion.viz.player(motion)</code> shows all there is."
