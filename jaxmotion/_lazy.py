@@ -30,3 +30,23 @@ def from_above(module: str, name: str) -> Any:
     """A name of a module that imports the caller's; call it when the name is wanted, not before.
     ``tests/test_architecture.py`` lists who may."""
     return getattr(importlib.import_module(module), name)
+
+
+class LacksExtra(ImportError):
+    """A package that only some functions need is not there; the message says how to get it."""
+
+
+def extra(module: str, name: str, what: str, *, package: str | None = None) -> Any:
+    """A module of an extra of jaxmotion's.
+
+    **Arguments:** ``module``: to import; ``name``: of the extra; ``what`` it is needed for;
+    ``package``: that it comes in, where that is called otherwise.
+    **Raises:** :class:`LacksExtra` if it is not there.
+    """
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name != module:
+            raise
+        text = f"{what} needs {package or module}: pip install 'jaxmotion[{name}]'"
+        raise LacksExtra(text) from error

@@ -85,7 +85,7 @@ def guess_up(motion: Motion) -> UpGuess:
         return UpGuess(None, f"no {'head' if feet else 'feet'} by name")
     if hips is None or hips in feet:
         return UpGuess(None, "no hips above two feet")
-    points, tips, rotations, rest = _positions(motion)
+    points, tips, rotations, rest = sampled_positions(motion)
     if not (np.isfinite(points).all() and np.isfinite(tips).all()):
         return UpGuess(None, "positions that are not finite")
     legs = points[:, hips] - points[:, feet].mean(axis=1)
@@ -145,7 +145,7 @@ def _common_ancestor(skeleton: Skeleton, joints: tuple[int, ...]) -> int | None:
     return shared[0] if shared else None
 
 
-def _positions(motion: Motion):
+def sampled_positions(motion: Motion):
     """Of some frames, world positions of joints f[F, J, 3] and end sites f[F, E, 3], and rotation
     matrices f[F, J, 3, 3]; the rest pose's positions f[J, 3]. In NumPy: a few frames are done
     before a compiler has begun."""

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from jaxmotion import __version__, cli
+from jaxmotion._lazy import LacksExtra
 from jaxmotion._plain import in_words, printable
 from jaxmotion.cli._terminal import refusal, say, show, silence
 
@@ -102,6 +103,8 @@ def described(error: BaseException, *, debug: bool = False) -> str:
         where = f"{printable(error.filename)}: " if error.filename else ""
         return f"{where}{in_words(error)}"
     text = " ".join(str(error).split()) or "no message"
+    if isinstance(error, LacksExtra):
+        return text
     if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in text:
         return "not enough memory for this file"
     if not isinstance(error, (ValueError, OSError)):
@@ -115,7 +118,8 @@ def described(error: BaseException, *, debug: bool = False) -> str:
 )
 @click.version_option(__version__, prog_name="jaxmotion")
 def app() -> None:
-    """Clean, edit and convert motion captures: BVH, ASF/AMC, AMASS and npz.
+    """Clean, edit and convert motion captures: BVH, ASF/AMC, AMASS and npz;
+    to glTF and USD for other programs.
 
     FILES are files, folders (searched through) or patterns such as 'takes/*.bvh'. Edited files go
     to -o, never over their originals.

@@ -14,7 +14,7 @@ from pathlib import Path
 import click
 
 from jaxmotion._plain import in_words, irregular
-from jaxmotion.io.formats import SUFFIXES, files_of, may_hold_a_motion, read_with
+from jaxmotion.io.formats import SUFFIXES, WRITTEN, files_of, may_hold_a_motion, read_with
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def plan(inputs: Sequence[Input], out: Path, *, to: str | None = None) -> list[J
     outputs in a folder, by default each input's own.
     **Raises:** ``click.UsageError`` when two inputs would get one output, or one its own input.
     """
-    if out.suffix.lower() in SUFFIXES and not out.is_dir():
+    if out.suffix.lower() in WRITTEN and not out.is_dir():
         if len(inputs) != 1:
             raise click.UsageError(f"-o {out} is one file for {len(inputs)} inputs; give a folder")
         if to is not None and out.suffix.lower() != to:
@@ -84,7 +84,7 @@ def plan(inputs: Sequence[Input], out: Path, *, to: str | None = None) -> list[J
 
 def plan_folders(inputs: Sequence[Input], out: Path) -> list[Job]:
     """One output folder for every input: ``out`` itself for one, else below it by name."""
-    if out.is_file() or (out.suffix.lower() in SUFFIXES and not out.is_dir()):
+    if out.is_file() or (out.suffix.lower() in WRITTEN and not out.is_dir()):
         raise click.UsageError(f"-o {out} is a file; give a folder")
     if len(inputs) == 1 and inputs[0].named:
         return [Job(inputs[0].path, out)]

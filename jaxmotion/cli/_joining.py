@@ -125,11 +125,11 @@ def check_targets(targets: Sequence[Path], sources: Sequence[Path], *, overwrite
     """Refuse to write a motion, the first of ``targets``, in a format that is none, and any of them
     over a source or, unasked, over a file that exists."""
     from jaxmotion.cli import _files
-    from jaxmotion.io.formats import SUFFIXES
+    from jaxmotion.io.formats import WRITTEN
 
     out = targets[0]
-    if out.suffix.lower() not in SUFFIXES:
-        raise click.UsageError(f"-o {out.name}: expected a {', '.join(SUFFIXES)} file")
+    if out.suffix.lower() not in WRITTEN:
+        raise click.UsageError(f"-o {out.name}: expected a {', '.join(WRITTEN)} file")
     over = _files.overlaps(sources)
     for target in targets:
         if over(target):

@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from jaxmotion.cli._presets import flags_of, load_preset
-from jaxmotion.io.formats import SUFFIXES, unknown_suffix
+from jaxmotion.io.formats import WRITTEN, unknown_suffix
 
 NOWHERE = Path(os.devnull)
 
@@ -80,9 +80,9 @@ class Output(click.Path):
         path = Path(str(super().convert(value, param, ctx)))
         is_folder = path.is_dir() or str(value).endswith(("/", os.sep))
         has_suffix = any(map(str.isalpha, path.suffix))
-        known = path.suffix.lower() in SUFFIXES and self.file_okay
+        known = path.suffix.lower() in WRITTEN and self.file_okay
         if has_suffix and not known and not is_folder:
-            what = unknown_suffix(path) if self.file_okay else f"{path}: expected a folder"
+            what = unknown_suffix(path, writing=True) if self.file_okay else f"{path}: expected a folder"
             self.fail(f"{what} (the name of a folder may end with '/')", param, ctx)
         return path
 
@@ -195,7 +195,7 @@ def out_up_option(function: Callable) -> Callable:
         "--out-up",
         type=click.Choice(["x", "y", "z", "keep"]),
         help="The axis that is to point up in the outputs, which are turned for it.  [default: y "
-        "in .bvh and .amc, which cannot say it; keep in .npz]",
+        "in .bvh and .amc, which cannot say it, and .glb; keep in others]",
     )(function)
 
 
@@ -304,7 +304,7 @@ def format_option(function: Callable) -> Callable:
     """``--to``: the suffix of outputs in a folder, ``None`` for each input's own."""
     return click.option(
         "--to",
-        type=click.Choice([suffix[1:] for suffix in SUFFIXES]),
+        type=click.Choice([suffix[1:] for suffix in WRITTEN]),
         callback=lambda ctx, param, value: f".{value}" if value else None,
         help="Format of the outputs in a folder.",
     )(function)

@@ -210,11 +210,14 @@ def write(
     motion: "Motion", path: Path, *, overwrite: bool, up: str | None = None, **format_options: Any
 ) -> None:
     """Save a motion, making the folders it goes to; ``up``: the axis to point up in the file;
-    ``format_options`` go to the format."""
+    ``format_options`` go to the format. What other programs make of the file is a notice."""
     import jaxmotion as jm
+    from jaxmotion.io.formats import viewer_note
 
     path.parent.mkdir(parents=True, exist_ok=True)
     jm.save(motion, path, overwrite=overwrite, up=up, **format_options)  # type: ignore[arg-type]
+    if note := viewer_note(path, motion):
+        warnings.warn(note, Notice, stacklevel=2)
 
 
 def confined(original: "Motion", edited: "Motion", length: int, selection: Selection) -> "Motion":

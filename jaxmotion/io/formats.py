@@ -1,18 +1,21 @@
 """The file formats, a row each: what ``load``, ``save`` and the command line go by.
 
 A new format is a module with a reader and a writer that take what those of :mod:`jaxmotion.io.bvh`
-take, and a row. Two formats may share a suffix if archives tell them apart. Nothing is imported to
-read the table.
+take, and a row. Two formats may share a suffix if archives tell them apart; one may be only read, or
+only written. Nothing is imported to read the table.
 """
 
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 from jaxmotion.io.errors import MotionFileError
+
+if TYPE_CHECKING:
+    from jaxmotion.motion import Motion
 
 Up: TypeAlias = Literal["x", "y", "z", "auto"]  # what a reader is told
 UpOut: TypeAlias = Literal["x", "y", "z", "keep"]  # what a writer is told
@@ -20,18 +23,20 @@ UpOut: TypeAlias = Literal["x", "y", "z", "keep"]  # what a writer is told
 
 class Format(NamedTuple):
     """``suffix`` of its files; ``load`` and ``save``, "module:function" in :mod:`jaxmotion.io`,
-    ``save`` None if it is only read; ``knows``: tells its files from others of that suffix that
-    come before it in the table; ``arrays``: of archives, the names of which it holds one set;
+    None if it is only written or only read; ``knows``: tells its files from others of that suffix
+    that come before it in the table; ``arrays``: of archives, the names of which it holds one set;
     ``beside``: suffix of the file that goes with each; ``finds``: the function that finds it for a
-    file that is read."""
+    file that is read; ``note``: the function of a motion that says what viewers make of its rate,
+    of formats for other programs, whose writers take ``metres``."""
 
     suffix: str
-    load: str
+    load: str | None
     save: str | None
     knows: str | None = None
     arrays: tuple[frozenset[str], ...] = ()
     beside: str | None = None
     finds: str | None = None
+    note: str | None = None
 
 
 FORMATS = (
@@ -45,22 +50,26 @@ FORMATS = (
         knows="amass:is_amass",
         arrays=(frozenset({"poses", "trans"}), frozenset({"root_orient", "pose_body", "trans"})),
     ),
+    Format(".glb", None, "gltf:save_glb", note="gltf:viewer_note"),
+    Format(".usda", None, "usd:save_usd", note="usd:viewer_note"),
+    Format(".usdc", None, "usd:save_usd", note="usd:viewer_note"),
 )
-SUFFIXES = tuple(dict.fromkeys(row.suffix for row in FORMATS))
+SUFFIXES = tuple(dict.fromkeys(row.suffix for row in FORMATS if row.load))  # of what is read
+WRITTEN = tuple(dict.fromkeys(row.suffix for row in FORMATS if row.save))
 
 
 def reader(path: Path) -> Callable:
     """The function that reads a file.
 
-    **Raises:** :class:`MotionFileError` for a suffix that is not in the table.
+    **Raises:** :class:`MotionFileError` for a suffix that is not in the table, or only written.
     """
-    rows = _rows(path)
+    rows = [(row, row.load) for row in _rows(path) if row.load is not None]
     if not rows:
-        raise unknown_suffix(path)
-    for row in rows[1:]:
+        raise _written_only(path) if _rows(path) else unknown_suffix(path, writing=False)
+    for row, load in rows[1:]:
         if row.knows is not None and _named(row.knows)(path):
-            return _named(row.load)
-    return _named(rows[0].load)
+            return _named(load)
+    return _named(rows[0][1])
 
 
 def writer(path: Path) -> Callable[..., None]:
@@ -68,7 +77,7 @@ def writer(path: Path) -> Callable[..., None]:
     for row in _rows(path):
         if row.save is not None:
             return _named(row.save)
-    raise unknown_suffix(path)
+    raise unknown_suffix(path, writing=True)
 
 
 def files_of(path: Path) -> list[Path]:
@@ -86,13 +95,24 @@ def read_with(path: Path) -> list[Path]:
     return found
 
 
+def for_other_programs(path: Path) -> bool:
+    """Whether files of that suffix are for other programs; their writers take ``metres``."""
+    return any(row.note for row in _rows(path))
+
+
+def viewer_note(path: Path, motion: "Motion") -> str:
+    """What people should know who open a file of that suffix, of that motion, elsewhere; "" for
+    nothing."""
+    return next((_named(row.note)(motion) for row in _rows(path) if row.note), "")
+
+
 def may_hold_a_motion(path: Path) -> bool:
     """Whether a file found in a folder is one to read: of a suffix of the table, and an archive
     with the arrays of a motion. What cannot be looked into is: reading it will tell."""
     rows = _rows(path)
     wanted = [names for row in rows for names in row.arrays]
     if not wanted:
-        return bool(rows)
+        return any(row.load for row in rows)
     try:
         with zipfile.ZipFile(path) as archive:
             held = {name.removesuffix(".npy") for name in archive.namelist()}
@@ -101,24 +121,38 @@ def may_hold_a_motion(path: Path) -> bool:
     return any(names <= held for names in wanted)
 
 
-def unknown_suffix(path: Path) -> MotionFileError:
-    """What to say of a name whose suffix is not in the table; it lists those that are."""
+def unknown_suffix(path: Path, *, writing: bool) -> MotionFileError:
+    """What to say of a name whose suffix is not in the table; it lists those that are, and are
+    written or read."""
     suffix = path.suffix.lower()
     main = [row.suffix for row in FORMATS if row.beside == suffix]
     hint = "give one of those suffixes"
     if main:
         hint = f"name the {main[0]} file; its {suffix} skeleton is found beside it"
-    listed = dict.fromkeys(
-        row.suffix if row.beside is None else f"{row.suffix} (with its {row.beside})"
-        for row in FORMATS
-    )
-    *others, last = listed
     return MotionFileError(
         path,
         f"the suffix {suffix!r}" if suffix else "no suffix",
-        expected=f"{', '.join(others)} or {last}",
+        expected=_listed(row for row in FORMATS if (row.save if writing else row.load)),
         hint=hint,
     )
+
+
+def _written_only(path: Path) -> MotionFileError:
+    suffix = path.suffix.lower()
+    return MotionFileError(
+        path,
+        f"the suffix {suffix!r}, a format that is written only",
+        expected=_listed(row for row in FORMATS if row.load),
+        hint="keep the motion in a format that is read, such as .npz, beside it",
+    )
+
+
+def _listed(rows: Iterable[Format]) -> str:
+    *others, last = dict.fromkeys(
+        row.suffix if row.beside is None else f"{row.suffix} (with its {row.beside})"
+        for row in rows
+    )
+    return f"{', '.join(others)} or {last}"
 
 
 def _rows(path: Path) -> list[Format]:
