@@ -541,6 +541,7 @@ EXCEPTIONS = {
     "style.segment_styles": "a list about concrete clips, in NumPy",
     "smoothing.removed": "a list about concrete clips, in NumPy",
     "viz.player": "a page",
+    "viz.log_rerun": "writes to a recording",
     "viz.plot_alignment": "a picture",
     "viz.plot_contacts": "a picture",
     "viz.plot_digression": "a picture",

@@ -177,6 +177,7 @@ def test_functions_without_a_recipe_say_it_too():
         "ContactPoints.positions": contacts.points.positions,
         "plot_contacts": lambda m: plot_contacts(m, contacts),
         "player": player,
+        "log_rerun": jm.viz.log_rerun,
     }
     for name, call in calls.items():
         with no_shape_checks():

@@ -82,7 +82,11 @@ class Output(click.Path):
         has_suffix = any(map(str.isalpha, path.suffix))
         known = path.suffix.lower() in WRITTEN and self.file_okay
         if has_suffix and not known and not is_folder:
-            what = unknown_suffix(path, writing=True) if self.file_okay else f"{path}: expected a folder"
+            what = (
+                unknown_suffix(path, writing=True)
+                if self.file_okay
+                else f"{path}: expected a folder"
+            )
             self.fail(f"{what} (the name of a folder may end with '/')", param, ctx)
         return path
 

@@ -5,12 +5,15 @@
 | ``.bvh`` | yes | yes | :mod:`jaxmotion.io.bvh` |
 | ``.amc`` (with its ``.asf``) | yes | yes | :mod:`jaxmotion.io.asfamc` |
 | ``.npz`` | yes, ours and AMASS | ours | :mod:`jaxmotion.io.npz`, :mod:`jaxmotion.io.amass` |
+| ``.glb`` (glTF 2.0) | no | yes | :mod:`jaxmotion.io.gltf` |
+| ``.usda``, ``.usdc`` (USD) | no | yes | :mod:`jaxmotion.io.usd` |
 
-The table is :mod:`jaxmotion.io.formats`. Files are parsed in float64; a file is written whole or
-not at all. Trouble with a file's contents is a :class:`MotionFileError` (path, line, frame, what
-was found, what was expected, what to try); a repair, or a change that the format forced, is a
-:class:`MotionFileWarning`. What a format leaves open (the up axis, a frame rate) is assumed, can be
-told, and is kept: :mod:`jaxmotion.io.conventions`.
+The table is :mod:`jaxmotion.io.formats`. What is only written is for other programs, and needs an
+extra: ``pip install 'jaxmotion[gltf]'`` or ``'jaxmotion[usd]'``. Files are parsed in float64; a
+file is written whole or not at all. Trouble with a file's contents is a :class:`MotionFileError`
+(path, line, frame, what was found, what was expected, what to try); a repair, or a change that the
+format forced, is a :class:`MotionFileWarning`. What a format leaves open (the up axis, a frame
+rate) is assumed, can be told, and is kept: :mod:`jaxmotion.io.conventions`.
 
 Public are the names of this room, and the readers and writers of the modules in the table; the
 other modules are the library's own.
@@ -53,7 +56,7 @@ def load(
     :func:`~jaxmotion.io.npz.load_npz`, :func:`~jaxmotion.io.amass.load_amass`).
     **Returns:** a :class:`~jaxmotion.Motion`, lengths in the file's unit.
     **Raises:** :class:`MotionFileError` for a file that cannot be understood or a suffix that is
-    not one of the table's; ``OSError`` for one that cannot be opened; ``ValueError`` for a dtype
+    not one that is read; ``OSError`` for one that cannot be opened; ``ValueError`` for a dtype
     that is not available, or an impossible ``fps`` or ``up``.
 
     **Example:**
@@ -81,12 +84,15 @@ def save(
     **Arguments:** ``motion``: one clip; ``path``: the file, its suffix telling the format;
     ``overwrite``: whether a file of that name may be replaced; ``up``: the axis that is to point up
     in the file, to which the motion is turned, or "keep"; by default y, with a warning where that
-    is another, in formats that cannot say it (BVH, AMC), and "keep" in others; ``format_options``:
-    passed on to the format's own writer (:func:`~jaxmotion.io.bvh.save_bvh`,
-    :func:`~jaxmotion.io.asfamc.save_amc`, :func:`~jaxmotion.io.npz.save_npz`).
+    is another, in formats that cannot say it (BVH, AMC, glTF), and "keep" in others;
+    ``format_options``: passed on to the format's own writer (:func:`~jaxmotion.io.bvh.save_bvh`,
+    :func:`~jaxmotion.io.asfamc.save_amc`, :func:`~jaxmotion.io.npz.save_npz`,
+    :func:`~jaxmotion.io.gltf.save_glb`, :func:`~jaxmotion.io.usd.save_usd`): the last two take
+    ``metres``, of a unit of length.
     **Raises:** :class:`MotionFileError` for a suffix that is not one of the table's; ``ValueError``
-    for a motion that the format cannot hold, or an impossible ``up``; ``FileExistsError`` and other
-    ``OSError`` from writing.
+    for a motion that the format cannot hold, or an impossible ``up``; ``ImportError`` for glTF
+    without pygltflib and USD without usd-core; ``FileExistsError`` and other ``OSError`` from
+    writing.
 
     **Example:**
 

@@ -7,9 +7,11 @@
 a factor |
 | AMASS | z | in the file | radians | metres |
 | ours | kept, and how it was known | kept, likewise | none | kept |
+| glTF | y | by the times of frames | none | metres |
+| USD | y or z, in the file | in the file | none | in the file, metres a unit |
 
-All are right-handed. Every reader takes ``fps=`` and ``up=``, the one of ASF/AMC ``angle=``; what a
-caller says is told. ``Skeleton.conventions`` holds what is told and what assumed.
+All are right-handed; the last two are only written. Every reader takes ``fps=`` and ``up=``, the
+one of ASF/AMC ``angle=``; what a caller says is told. ``Skeleton.conventions`` holds what is told and what assumed.
 """
 
 import math

@@ -1,8 +1,8 @@
 """The file formats, a row each: what ``load``, ``save`` and the command line go by.
 
 A new format is a module with a reader and a writer that take what those of :mod:`jaxmotion.io.bvh`
-take, and a row. Two formats may share a suffix if archives tell them apart; one may be only read, or
-only written. Nothing is imported to read the table.
+take, and a row. Two formats may share a suffix if archives tell them apart; one may be only read,
+or only written. Nothing is imported to read the table.
 """
 
 import zipfile

@@ -1,18 +1,19 @@
-"""glTF 2.0 binary (.glb), written only: a skeleton and its animation, for viewers, Blender, engines.
+"""glTF 2.0 binary (.glb), written only: a skeleton and its animation, for other programs.
 
 | what | how |
 |---|---|
 | a joint | a node with the joint's name and, at rest, its offset; no mesh is needed |
 | an end site | a leaf node ``<joint>_end``: bones get their lengths from it |
-| all of them | one skin, inverse bind matrices = minus the place at rest: Blender's armature, three's bones |
+| all of them | one skin, its inverse bind matrices minus the places at rest: an armature |
 | rotation | a channel a joint, (x, y, z, w), linear in between |
 | translation | a channel for every joint that leaves its offset: the whole local translation |
 | time | one accessor, seconds from 0, with its bounds |
 
-glTF is in metres and Y up, by its specification: lengths are multiplied by the metres of a unit, and
-a motion that has another axis up is turned. Numbers are float32, as glTF stores them: places are
-good to some 1e-7 of their distance from the origin, a rotation to 1e-7. Names are kept as they are.
-What glTF has no place for stays behind: Euler orders, an ASF's axes and limits, labels of end sites.
+glTF is in metres and Y up, by its specification: lengths are multiplied by the metres of a unit,
+and a motion that has another axis up is turned. Numbers are float32, as glTF stores them: places
+are good to some 1e-7 of their distance from the origin, a rotation to 1e-7. Names are kept as they
+are. What glTF has no place for stays behind: Euler orders, an ASF's axes and limits, labels of end
+sites.
 
 Blender keeps its scene's frame rate and range when it imports a .glb: set them before. Needs
 ``pygltflib``: ``pip install 'jaxmotion[gltf]'``.
@@ -20,6 +21,7 @@ Blender keeps its scene's frame rate and range when it imports a .glb: set them 
 Source: Khronos, glTF 2.0 specification (2021).
 """
 
+import math
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -89,14 +91,23 @@ def save_glb(
 
 
 def viewer_note(motion: Motion) -> str:
-    """What a viewer does with the motion's frame rate, for people."""
+    """What a viewer does with the motion's frame rate, for people.
+
+    Blender's rate is fps / base; its glTF importer (5.0.1) places keys by fps · base.
+    """
+    rate = rate_of(motion)
+    fps = math.ceil(rate)
+    before, after = f"{fps} frames a second", ""
+    if rate < fps:
+        before += f" with base {rate / fps:.6f}"
+        after = f" and base {fps / rate:.6f} after it"
     return (
-        f"Blender keeps its scene's frame rate and range when it imports a .glb: set "
-        f"{rate_of(motion):.6g} frames a second, and the last frame, before"
+        "Blender keeps its scene's frame rate and range when it imports a .glb: set "
+        f"{before}, and the last frame, before{after}"
     )
 
 
-def _bytes(gltf: Any, figure: Figure, name: str) -> list[bytes]:
+def _bytes(gltf: Any, figure: Figure, name: str) -> list[bytes | bytearray]:
     """The file, in parts."""
     frames, joints = figure.rotations.shape[:2]
     blocks = _blocks(figure)

@@ -132,7 +132,9 @@ def rate_of(motion: Motion) -> float:
     return rate
 
 
-def metres_of(motion: Motion, asked: float | int | None, path: str | PathLike, writer: str) -> float:
+def metres_of(
+    motion: Motion, asked: float | int | None, path: str | PathLike, writer: str
+) -> float:
     """Metres a unit of length: as ``asked``, else as the motion knows it, else guessed.
 
     The guess is the unit in which the figure is as tall as an adult, and a
@@ -142,7 +144,9 @@ def metres_of(motion: Motion, asked: float | int | None, path: str | PathLike, w
     """
     if asked is not None:
         if isinstance(asked, bool) or not 0 < asked < math.inf:
-            raise ValueError(f"{writer}: metres={asked!r}; expected metres a unit of length, above 0")
+            raise ValueError(
+                f"{writer}: metres={asked!r}; expected metres a unit of length, above 0"
+            )
         return float(asked)
     known = motion.skeleton.conventions.metres
     if known is not None:

@@ -1,8 +1,8 @@
 """USD (.usda text, .usdc binary), written only: a UsdSkel skeleton and its animation.
 
-    SkelRoot ─┬─ Skeleton     joints, jointNames, bindTransforms, restTransforms → Animation
-              ├─ Animation    translations, rotations (samples at codes 0 … T − 1), scales
-              └─ Guide        a triangle that nothing renders: three.js shows no bones without a mesh
+    SkelRoot ─┬─ Skeleton   joints, jointNames, bindTransforms, restTransforms → Animation
+              ├─ Animation  translations, rotations (samples at codes 0 … T − 1), scales
+              └─ Guide      a triangle that nothing renders: without a mesh three.js shows no bones
 
 A joint is a path of identifiers, the last of which is its own: what an identifier cannot hold is
 written as ``_``, and repeats are numbered, with a warning; ``jointNames`` keeps the names as they
@@ -20,6 +20,7 @@ install 'jaxmotion[usd]'``.
 Source: Pixar, Universal Scene Description, UsdSkel schemas.
 """
 
+import importlib
 import shutil
 import tempfile
 from os import PathLike
@@ -79,7 +80,7 @@ def save_usd(
         ...     print(open(f"{folder}/walk.usda").readline().strip())
         #usda 1.0
     """
-    extra("pxr", "usd", "writing .usda and .usdc files", package="usd-core")
+    _pxr()
     suffix = Path(path).suffix.lower()
     if suffix not in (".usda", ".usdc"):
         raise ValueError(f"save_usd: the suffix {suffix!r}; expected '.usda' or '.usdc'")
@@ -118,14 +119,21 @@ def viewer_note(motion: Motion) -> str:
     )
 
 
+def _pxr() -> Any:
+    """usd-core's package, with the modules that are used here."""
+    pxr = extra("pxr", "usd", "writing .usda and .usdc files", package="usd-core")
+    for module in ("Gf", "Sdf", "Usd", "UsdGeom", "UsdSkel", "Vt"):
+        importlib.import_module(f"pxr.{module}")
+    return pxr
+
+
 def _identifiers(names: tuple[str, ...]) -> list[str]:
     """What the joints' paths say for the names: identifiers, no two alike."""
-    from pxr import Sdf
-
-    taken: set[str] = {name for name in names if Sdf.Path.IsValidIdentifier(name)}
+    pxr = _pxr()
+    taken: set[str] = {name for name in names if pxr.Sdf.Path.IsValidIdentifier(name)}
     found = []
     for name in names:
-        if name in taken and Sdf.Path.IsValidIdentifier(name):
+        if name in taken and pxr.Sdf.Path.IsValidIdentifier(name):
             found.append(name)
             continue
         found.append(unique(_identifier(name), taken))
@@ -133,41 +141,39 @@ def _identifiers(names: tuple[str, ...]) -> list[str]:
 
 
 def _identifier(name: str) -> str:
-    from pxr import Sdf
-
-    letters = (c if Sdf.Path.IsValidIdentifier(f"_{c}") else "_" for c in name)
+    pxr = _pxr()
+    letters = (c if pxr.Sdf.Path.IsValidIdentifier(f"_{c}") else "_" for c in name)
     spelt = "".join(letters) or "_"
-    return spelt if Sdf.Path.IsValidIdentifier(spelt) else f"_{spelt}"
+    return spelt if pxr.Sdf.Path.IsValidIdentifier(spelt) else f"_{spelt}"
 
 
 def _stage(figure: Figure, identifiers: list[str], metres: float, up: str, name: str) -> Any:
     """The whole file, in memory."""
-    from pxr import Gf, Sdf, Usd, UsdGeom, UsdSkel, Vt
-
+    pxr = _pxr()
     frames = len(figure.rotations)
-    stage = Usd.Stage.CreateInMemory()
+    stage = pxr.Usd.Stage.CreateInMemory()
     stage.SetTimeCodesPerSecond(figure.rate)
     stage.SetFramesPerSecond(figure.rate)
     stage.SetStartTimeCode(0)
     stage.SetEndTimeCode(frames - 1)
-    UsdGeom.SetStageUpAxis(stage, up.upper())
-    UsdGeom.SetStageMetersPerUnit(stage, metres)
-    root = UsdSkel.Root.Define(stage, Sdf.Path(f"/{_identifier(name)}"))
+    pxr.UsdGeom.SetStageUpAxis(stage, up.upper())
+    pxr.UsdGeom.SetStageMetersPerUnit(stage, metres)
+    root = pxr.UsdSkel.Root.Define(stage, pxr.Sdf.Path(f"/{_identifier(name)}"))
     stage.SetDefaultPrim(root.GetPrim())
     paths = _joint_paths(identifiers, figure.parents)
     below = root.GetPath().AppendChild
-    skeleton = UsdSkel.Skeleton.Define(stage, below("Skeleton"))
-    skeleton.CreateJointsAttr(Vt.TokenArray(paths))
-    skeleton.CreateJointNamesAttr(Vt.TokenArray(list(figure.names)))
+    skeleton = pxr.UsdSkel.Skeleton.Define(stage, below("Skeleton"))
+    skeleton.CreateJointsAttr(pxr.Vt.TokenArray(paths))
+    skeleton.CreateJointNamesAttr(pxr.Vt.TokenArray(list(figure.names)))
     skeleton.CreateBindTransformsAttr(_moves(figure.rest_positions))
     skeleton.CreateRestTransformsAttr(_moves(figure.rest))
-    animation = UsdSkel.Animation.Define(stage, below("Animation"))
-    animation.CreateJointsAttr(Vt.TokenArray(paths))
-    animation.CreateScalesAttr(Vt.Vec3hArray(len(paths), Gf.Vec3h(1)))
+    animation = pxr.UsdSkel.Animation.Define(stage, below("Animation"))
+    animation.CreateJointsAttr(pxr.Vt.TokenArray(paths))
+    animation.CreateScalesAttr(pxr.Vt.Vec3hArray(len(paths), pxr.Gf.Vec3h(1)))
     _sample(stage.GetRootLayer(), animation, figure)
-    binding = UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
+    binding = pxr.UsdSkel.BindingAPI.Apply(skeleton.GetPrim())
     binding.CreateAnimationSourceRel().SetTargets([animation.GetPath()])
-    _guide(UsdGeom.Mesh.Define(stage, below("Guide")), skeleton)
+    _guide(pxr.UsdGeom.Mesh.Define(stage, below("Guide")), skeleton)
     return stage
 
 
@@ -180,17 +186,15 @@ def _joint_paths(identifiers: list[str], parents: tuple[int, ...]) -> list[str]:
 
 def _moves(places: np.ndarray) -> Any:
     """Matrices that take the origin to the places, as USD has them: the last row is the place."""
-    from pxr import Vt
-
+    pxr = _pxr()
     matrices = np.tile(np.eye(4), (len(places), 1, 1))
     matrices[:, 3, :3] = places
-    return Vt.Matrix4dArray.FromNumpy(matrices)
+    return pxr.Vt.Matrix4dArray.FromNumpy(matrices)
 
 
 def _sample(layer: Any, animation: Any, figure: Figure) -> None:
     """Translations and rotations of all nodes at every frame."""
-    from pxr import Sdf, Vt
-
+    pxr = _pxr()
     frames, joints = figure.rotations.shape[:2]
     places = np.tile(figure.rest.astype(np.float32), (frames, 1, 1))
     places[:, :joints] = figure.translations
@@ -199,26 +203,25 @@ def _sample(layer: Any, animation: Any, figure: Figure) -> None:
     turns[:, :joints] = figure.rotations[..., [1, 2, 3, 0]]  # w is last in memory
     there = animation.CreateTranslationsAttr().GetPath()
     turned = animation.CreateRotationsAttr().GetPath()
-    with Sdf.ChangeBlock():
+    with pxr.Sdf.ChangeBlock():
         for frame in range(frames):
-            layer.SetTimeSample(there, float(frame), Vt.Vec3fArray.FromNumpy(places[frame]))
-            layer.SetTimeSample(turned, float(frame), Vt.QuatfArray.FromNumpy(turns[frame]))
+            layer.SetTimeSample(there, float(frame), pxr.Vt.Vec3fArray.FromNumpy(places[frame]))
+            layer.SetTimeSample(turned, float(frame), pxr.Vt.QuatfArray.FromNumpy(turns[frame]))
 
 
 def _guide(mesh: Any, skeleton: Any) -> None:
     """A triangle of no area, bound to the root."""
-    from pxr import Gf, UsdGeom, UsdSkel, Vt
-
-    points = Vt.Vec3fArray(3, Gf.Vec3f(0))
+    pxr = _pxr()
+    points = pxr.Vt.Vec3fArray(3, pxr.Gf.Vec3f(0))
     mesh.CreatePointsAttr(points)
-    mesh.CreateExtentAttr(UsdGeom.PointBased.ComputeExtent(points))
+    mesh.CreateExtentAttr(pxr.UsdGeom.PointBased.ComputeExtent(points))
     mesh.CreateFaceVertexCountsAttr([3])
     mesh.CreateFaceVertexIndicesAttr([0, 1, 2])
-    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
-    mesh.CreatePurposeAttr(UsdGeom.Tokens.guide)
-    binding = UsdSkel.BindingAPI.Apply(mesh.GetPrim())
+    mesh.CreateSubdivisionSchemeAttr(pxr.UsdGeom.Tokens.none)
+    mesh.CreatePurposeAttr(pxr.UsdGeom.Tokens.guide)
+    binding = pxr.UsdSkel.BindingAPI.Apply(mesh.GetPrim())
     binding.CreateSkeletonRel().SetTargets([skeleton.GetPath()])
-    binding.CreateGeomBindTransformAttr(Gf.Matrix4d(1))
+    binding.CreateGeomBindTransformAttr(pxr.Gf.Matrix4d(1))
     binding.CreateJointIndicesPrimvar(False, 1).Set([0, 0, 0])
     binding.CreateJointWeightsPrimvar(False, 1).Set([1.0, 1.0, 1.0])
 

@@ -11,12 +11,16 @@ from jaxmotion.io import amass, formats, npz
 from tests.helpers import random_motion
 
 
-@pytest.mark.parametrize("row", formats.FORMATS, ids=lambda row: row.load)
+@pytest.mark.parametrize("row", formats.FORMATS, ids=lambda row: row.load or row.suffix)
 def test_a_row_s_functions_take_what_load_and_save_pass_on(row):
-    read = inspect.signature(formats._named(row.load)).parameters
-    assert {"dtype", "fps", "up"} <= set(read)
+    assert row.load or row.save
+    if row.load is not None:
+        read = inspect.signature(formats._named(row.load)).parameters
+        assert {"dtype", "fps", "up"} <= set(read)
     if row.save is not None:
         assert {"overwrite", "up"} <= set(inspect.signature(formats._named(row.save)).parameters)
+    if row.note is not None:
+        assert "metres" in inspect.signature(formats._named(row.save)).parameters
     assert callable(formats._named(row.knows)) if row.knows else True
 
 
@@ -56,9 +60,8 @@ def test_files_that_are_read_along(tmp_path):
 
 @pytest.mark.parametrize("name", ["walk.fbx", "walk", "walk.asf"])
 def test_other_suffixes_are_refused_with_those_there_are(name):
-    for choose in (formats.reader, formats.writer):
-        with pytest.raises(
-            jm.io.MotionFileError, match=r"\.bvh, \.amc \(with its \.asf\) or \.npz"
-        ):
+    read = r"\.bvh, \.amc \(with its \.asf\)"
+    for choose, rest in ((formats.reader, r" or \.npz"), (formats.writer, r", \.npz, \.glb, ")):
+        with pytest.raises(jm.io.MotionFileError, match=read + rest):
             choose(Path(name))
     assert not formats.may_hold_a_motion(Path(name))
