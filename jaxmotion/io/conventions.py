@@ -11,7 +11,8 @@ a factor |
 | USD | y or z, in the file | in the file | none | in the file, metres a unit |
 
 All are right-handed; the last two are only written. Every reader takes ``fps=`` and ``up=``, the
-one of ASF/AMC ``angle=``; what a caller says is told. ``Skeleton.conventions`` holds what is told and what assumed.
+one of ASF/AMC ``angle=``; what a caller says is told. ``Skeleton.conventions`` holds what is told
+and what assumed.
 """
 
 import math

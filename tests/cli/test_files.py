@@ -127,7 +127,9 @@ def test_an_output_of_no_format_is_refused_never_made_a_folder(jaxmotion, take, 
     verb, *rest = words.split()
     out = tmp_path / "clean.fbx"
     result = jaxmotion(verb, take, *rest, "-o", out, code=2)
-    assert "'.fbx'; expected .bvh, .amc (with its .asf) or .npz" in result.stderr
+    assert (
+        "'.fbx'; expected .bvh, .amc (with its .asf), .npz, .glb, .usda or .usdc" in result.stderr
+    )
     assert "may end with '/'" in result.stderr
     assert "name the .amc file" in jaxmotion(verb, take, "-o", "clean.asf", code=2).stderr
     assert not out.exists()

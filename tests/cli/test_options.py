@@ -10,6 +10,7 @@ from jaxmotion.cli._app import app
 from jaxmotion.cli._joining import Joining
 from jaxmotion.cli._options import Batch, FrameRange, Gain, Reading, Running, Selection
 from jaxmotion.io.bvh import save_bvh
+from jaxmotion.io.gltf import save_glb
 from jaxmotion.smoothing import motion_prior
 
 
@@ -92,7 +93,7 @@ CALLS = {
     "augment": ((augment,), {"count", "seed", "style", "margin"}),
     "blend": ((multiresolution.blend,), set()),
     "contacts": ((contacts.detect,), {"json", "restore"}),
-    "convert": ((save_bvh,), {"to"}),
+    "convert": ((save_bvh, save_glb), {"to"}),
     "denoise": ((layers.denoise,), {"keep-contacts"}),
     "layers": ((layers.decompose,), set()),
     "multires": (
