@@ -34,6 +34,9 @@ CAPTURES = (
     ("bandai/kick_normal_001.bvh", 0.01),
     ("bandai/dance-short_normal_001.bvh", 0.01),
     ("cmu/01_01.bvh", 0.0254 / 0.45),
+    ("cmu/02_01.amc", 0.0254 / 0.45),
+    ("cmu_dance/005_05.bvh", 0.01),
+    ("quirks/mocapnet_49_04.bvh", 0.01),
 )
 
 

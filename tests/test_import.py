@@ -42,6 +42,15 @@ def test_pictures_are_there_and_load_matplotlib_when_they_are_drawn():
     """)
 
 
+def test_extras_load_when_they_are_used():
+    _run("""
+        import sys
+        import jaxmotion.io.gltf, jaxmotion.io.usd, jaxmotion.viz
+        assert callable(jaxmotion.viz.log_rerun)
+        assert not {"pygltflib", "pxr", "rerun", "matplotlib"} & set(sys.modules)
+    """)
+
+
 def test_help_does_not_import_jax():
     help_text = _run("""
         import sys

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxmotion._checks import one_number
 from jaxmotion._plain import quoted
 from jaxmotion.axes.guess import sampled_positions
 from jaxmotion.io.errors import MotionFileWarning
@@ -143,17 +144,18 @@ def metres_of(
     **Raises:** ``ValueError``, worded for ``writer``, if ``asked`` is no length.
     """
     if asked is not None:
-        if isinstance(asked, bool) or not 0 < asked < math.inf:
+        number = one_number(f"{writer}: metres", asked)
+        if number.dtype.kind not in "iuf" or not 0 < number < math.inf:
             raise ValueError(
                 f"{writer}: metres={asked!r}; expected metres a unit of length, above 0"
             )
-        return float(asked)
+        return float(number)
     known = motion.skeleton.conventions.metres
     if known is not None:
         return float(known)
     tall = _height(motion)
     metres, unit = _likely_unit(tall)
-    how = f"the figure is then {metres * tall:.3g} m tall" if tall > 0 else "nothing shows it"
+    how = f"its joints then span {metres * tall:.2g} m" if tall > 0 else "nothing shows it"
     text = f"a unit of length is taken for {unit}, by a guess: {how}; metres= (--metres) tells it"
     warnings.warn(f"{path}: {text}", MotionFileWarning, stacklevel=4)
     return metres

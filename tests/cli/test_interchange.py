@@ -15,7 +15,7 @@ pytest.importorskip("pxr", reason="USD needs usd-core")
 def test_the_unit_is_guessed_or_told_and_the_rate_is_a_note(jaxmotion, take, tmp_path):
     out = tmp_path / "out.glb"
     said = jaxmotion("convert", take, "-o", out).stderr
-    assert "by a guess: the figure is then" in said
+    assert "by a guess: its joints then span" in said
     assert "set 30 frames a second, and the last frame, before" in said
     assert "exists; add --overwrite" in jaxmotion("convert", take, "-o", out, code=1).stderr
     said = jaxmotion("convert", take, "-o", out, "--overwrite", "--metres", "0.01").stderr

@@ -15,7 +15,7 @@ import jaxmotion as jm
 from jaxmotion.io import MotionFileError, MotionFileWarning
 from jaxmotion.io.gltf import viewer_note
 from jaxmotion.io.interchange import rate_of
-from tests.helpers import random_motion, single_precision
+from tests.helpers import no_shape_checks, random_motion, single_precision
 from tests.interchange import CLIPS, ODD_NAMES, REAL, assert_close, named, places, walk
 
 pygltflib = pytest.importorskip("pygltflib", reason="glTF needs pygltflib")
@@ -112,7 +112,7 @@ def test_joints_and_end_sites_are_where_they_were(clip, metres, tmp_path):
 @pytest.mark.parametrize("name", REAL)
 def test_real_captures(name, data_dir, tmp_path):
     motion = jm.load(data_dir / name)[:300]
-    with pytest.warns(MotionFileWarning, match="by a guess: the figure is then 1"):
+    with pytest.warns(MotionFileWarning, match="by a guess: its joints then span 1"):
         jm.save(motion, tmp_path / "a.glb")
     scale = 0.01 if "bandai" in name else 0.0254 / 0.45
     assert_close(Glb(tmp_path / "a.glb").world()[0][..., :3, 3], motion, scale)
@@ -228,10 +228,12 @@ def test_a_point_has_no_height_to_guess_by(tmp_path):
         jm.save(motion, tmp_path / "a.glb")
 
 
-@pytest.mark.parametrize("metres", [0, -1.0, np.nan, np.inf, True])
+@pytest.mark.parametrize("metres", [0, -1.0, np.nan, np.inf, True, "cm"])
 def test_impossible_units_are_refused(metres, tmp_path):
-    with pytest.raises(ValueError, match="save_glb: metres="):
+    with no_shape_checks(), pytest.raises(ValueError, match="save_glb: metres="):
         jm.save(walk(), tmp_path / "a.glb", metres=metres)
+    with no_shape_checks(), pytest.raises(ValueError, match="metres has shape"):
+        jm.save(walk(), tmp_path / "a.glb", metres=np.ones(2))
     assert not os.listdir(tmp_path)
 
 

@@ -70,7 +70,7 @@ def test_joints_and_end_sites_are_where_they_were(clip, path):
 @pytest.mark.parametrize("name", REAL)
 def test_real_captures(name, data_dir, path):
     motion = jm.load(data_dir / name)[:300]
-    with pytest.warns(MotionFileWarning, match="by a guess: the figure is then 1"):
+    with pytest.warns(MotionFileWarning, match="by a guess: its joints then span 1"):
         jm.save(motion, path)
     stage = Usd.Stage.Open(str(path))
     assert_close(world(stage), motion)
@@ -94,6 +94,9 @@ def test_what_the_recipe_asks_for(path):
     root = stage.GetDefaultPrim()
     assert root.IsA(UsdSkel.Root)
     assert stage.GetTimeCodesPerSecond() == stage.GetFramesPerSecond() == 60
+    layer = stage.GetRootLayer()  # one stands in for the other where it is not said
+    assert layer.HasTimeCodesPerSecond()
+    assert layer.HasFramesPerSecond()
     assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0, 23)
     found = query(stage)
     animation = UsdSkel.Animation(found.GetAnimQuery().GetPrim())
