@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxmotion._plain import printable
 from jaxmotion.timing import Alignment
+from jaxmotion.viz.colours import BLUE, GREY
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,8 +29,8 @@ def plot_alignment(
     times = np.asarray(alignment.source_frame)
     figure = Picture(figsize=(6.0, 5.0), layout="constrained")
     axes = figure.add_subplot()
-    axes.plot(path[:, 1], path[:, 0], ".", color="0.6", markersize=3, label="pairs of frames")
-    axes.plot(np.arange(len(times)), times, color="C0", label="time that is read")
+    axes.plot(path[:, 1], path[:, 0], ".", color=GREY, markersize=3, label="pairs of frames")
+    axes.plot(np.arange(len(times)), times, color=BLUE, label="time that is read")
     axes.set_xlabel(f"frame of {printable(reference)}", parse_math=False)
     axes.set_ylabel(f"frame of {printable(source)}", parse_math=False)
     angle = np.degrees(float(alignment.distance))

@@ -8,6 +8,8 @@ from jaxmotion._plain import printable
 from jaxmotion.contacts import Contacts, intervals
 from jaxmotion.contacts.contact import check_frames
 from jaxmotion.motion import Motion
+from jaxmotion.viz.colours import BLUE, ORANGE
+from jaxmotion.viz.given import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,12 +37,12 @@ def plot_contacts(motion: Motion, contacts: Contacts) -> "Figure":
     figure = Picture(figsize=(8.0, 1.0 + 1.3 * rows), layout="constrained")
     grid = figure.subplots(rows, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for axes, name, height in zip(grid, contacts.names, heights.T, strict=False):
-        axes.plot(seconds * np.arange(len(height)), height, color="C0")
+        axes.plot(seconds * np.arange(len(height)), height, color=BLUE)
         axes.set_title(printable(name), fontsize="small", loc="left", parse_math=False)
         for touch in (interval for interval in found if interval.point == name):
             # A frame lasts from half a frame before its time to half a frame after.
             begin, end = seconds * (touch.first - 0.5), seconds * (touch.last + 0.5)
-            axes.axvspan(begin, end, color="C1", alpha=0.3)
+            axes.axvspan(begin, end, color=ORANGE, alpha=0.3)
     grid[-1].set_xlabel("seconds")
-    figure.supylabel("height")
+    figure.supylabel(f"height, {unit_of(motion.skeleton)}")
     return figure

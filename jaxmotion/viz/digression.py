@@ -10,12 +10,12 @@ from jaxmotion._plain import printable
 from jaxmotion.cleaning import DetectedErrors, Digression
 from jaxmotion.frames.runs import spans
 from jaxmotion.motion import Motion
+from jaxmotion.viz.colours import ORANGE, SIZES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MANY = 30  # joints
-_LINE = "#d55e00"  # which all eyes tell from blue
 _EDGE = 1.2  # points: what lasts a frame is seen too
 
 
@@ -63,7 +63,7 @@ def plot_digression(
         mdm[:, shown].T,
         vmin=0,
         vmax=1,
-        cmap="Blues",
+        cmap=SIZES,
         aspect="auto",
         interpolation="nearest",
         extent=(*ends, len(shown) - 0.5, -0.5),
@@ -72,11 +72,11 @@ def plot_digression(
         [((t - 0.5) * second, row - 0.5), ((u - 0.5) * second, other - 0.5)]
         for (t, row), (u, other) in _outline(mask[:, shown])
     ]
-    axes.add_collection(LineCollection(edges, colors=_LINE, linewidths=_EDGE), autolim=False)
+    axes.add_collection(LineCollection(edges, colors=ORANGE, linewidths=_EDGE), autolim=False)
     above = axes.get_xaxis_transform()
     for start, stop in spans(np.any(mask, axis=1)):
         span = ((start - 0.5) * second, (stop - 0.5) * second)
-        axes.plot(span, (1.012, 1.012), color=_LINE, lw=3, transform=above, clip_on=False)
+        axes.plot(span, (1.012, 1.012), color=ORANGE, lw=3, transform=above, clip_on=False)
     axes.set_xlim(*ends)
     names = [str(j) if motion is None else printable(motion.skeleton.names[j]) for j in shown]
     axes.set_yticks(range(len(shown)), names, fontsize="small", parse_math=False)

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from jaxmotion._plain import printable
 from jaxmotion.cleaning import Repaired, RepairedRun
 from jaxmotion.cleaning.turns import angles_between, mean_rotation
+from jaxmotion.viz.colours import BLUE, ORANGE, PALE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,10 +48,10 @@ def plot_repair(repaired: Repaired, *, run: int = 0) -> "Figure":
     for axes, column, joint in zip(grid, range(len(joints)), joints, strict=True):
         for t in np.flatnonzero(mask[first:last, joint]) + first:
             span = second * (t - 0.5), second * (t + 0.5)
-            axes.axvspan(*span, color="0.9", lw=0, zorder=0)
+            axes.axvspan(*span, color=PALE, lw=0, zorder=0)
         before, after = (x[first:last, column] for x in (old, new))
-        axes.plot(times, before, color="#d55e00", ls="--", lw=1.4, label="before")
-        axes.plot(times, after, color="#0072b2", lw=1.8, label="after")
+        axes.plot(times, before, color=ORANGE, ls="--", lw=1.4, label="before")
+        axes.plot(times, after, color=BLUE, lw=1.8, label="after")
         name = printable(motion.skeleton.names[joint])
         axes.set_title(name, fontsize="small", loc="left", parse_math=False, pad=3)
         axes.margins(x=0)
