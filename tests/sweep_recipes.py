@@ -544,8 +544,20 @@ EXCEPTIONS = {
     "viz.log_rerun": "writes to a recording",
     "viz.plot_alignment": "a picture",
     "viz.plot_contacts": "a picture",
+    "viz.plot_cost_matrix": "a picture",
+    "viz.plot_denoising_error": "a picture",
     "viz.plot_digression": "a picture",
+    "viz.plot_invariance": "a picture",
+    "viz.plot_key_interpolation": "a picture",
+    "viz.plot_layers": "a picture",
+    "viz.plot_poses": "a picture",
+    "viz.plot_pyramid": "a picture",
     "viz.plot_repair": "a picture",
+    "viz.plot_seam": "a picture",
+    "viz.plot_texture": "a picture",
+    "viz.plot_time_warp": "a picture",
+    "viz.plot_trajectories": "a picture",
+    "viz.plot_wrap": "a picture",
 }
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxmotion._plain import printable
 from jaxmotion.timing import Alignment
 from jaxmotion.viz.colours import BLUE, GREY
+from jaxmotion.viz.given import known_only
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,10 +22,11 @@ def plot_alignment(
     ``reference``: what to call the clips.
     **Returns:** a Matplotlib figure of its own (``figure.savefig("path.png")``), outside pyplot;
     notebooks show it.
-    **Raises:** ``ImportError`` without Matplotlib.
+    **Raises:** ``ValueError`` for one that is traced; ``ImportError`` without Matplotlib.
     """
     from jaxmotion.viz.picture import Picture
 
+    known_only("plot_alignment", alignment=alignment)
     path = np.asarray(alignment.path)[: int(alignment.length)]
     times = np.asarray(alignment.source_frame)
     figure = Picture(figsize=(6.0, 5.0), layout="constrained")

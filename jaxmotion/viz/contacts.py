@@ -9,7 +9,7 @@ from jaxmotion.contacts import Contacts, intervals
 from jaxmotion.contacts.contact import check_frames
 from jaxmotion.motion import Motion
 from jaxmotion.viz.colours import BLUE, ORANGE
-from jaxmotion.viz.given import unit_of
+from jaxmotion.viz.given import known_only, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,12 +23,13 @@ def plot_contacts(motion: Motion, contacts: Contacts) -> "Figure":
     **Arguments:** ``motion``: one clip, T frames; ``contacts``: of T frames.
     **Returns:** a Matplotlib figure of its own (``figure.savefig("contacts.png")``), outside
     pyplot, with one row a point (one empty row if there are none); notebooks show it.
-    **Raises:** ``ValueError`` for contacts of another number of frames; ``ImportError`` without
-    Matplotlib.
+    **Raises:** ``ValueError`` for contacts of another number of frames and what is traced;
+    ``ImportError`` without Matplotlib.
     """
     from jaxmotion.viz.picture import Picture
 
     check_frames(motion, contacts, "plot_contacts", on_host=True)
+    known_only("plot_contacts", motion=motion, contacts=contacts)
     seconds = float(motion.frame_time)
     up = motion.skeleton.up_axis
     heights = np.asarray(contacts.points.positions(motion))[..., up]

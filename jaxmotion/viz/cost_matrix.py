@@ -78,7 +78,8 @@ def _pairs(path: WarpPath | Alignment | MotionWarp | None, shape: tuple[int, ...
     if path is None:
         return np.zeros((0, 2), int)
     kinds = "a WarpPath, Alignment or MotionWarp (jaxmotion.timing makes them)"
-    instance_of("plot_cost_matrix: path", path, (WarpPath, Alignment, MotionWarp), kinds)
+    if not isinstance(path, (WarpPath, Alignment, MotionWarp)):
+        instance_of("plot_cost_matrix: path", path, WarpPath, kinds)
     if isinstance(path, MotionWarp):
         if np.ndim(path.runs) != 1:
             raise ValueError(

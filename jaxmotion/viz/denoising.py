@@ -1,16 +1,17 @@
 """How far smoothing is from the truth, by where it cuts off."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jaxmotion._plain import printable
+from jaxmotion._types import ArrayLike
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing import smooth_motion
 from jaxmotion.viz.colours import BLACK, BLUE, GREY, SERIES
-from jaxmotion.viz.given import known_clip, unit_of
+from jaxmotion.viz.given import known_clip, known_only, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +24,7 @@ def plot_denoising_error(
     truth: Motion,
     noisy: Motion,
     *,
-    cutoffs: Sequence[float] | None = None,
+    cutoffs: ArrayLike | None = None,
     filters: Mapping[str, Callable[[Motion, float], Motion]] | None = None,
     denoised: Mapping[str, Motion] | None = None,
 ) -> "Figure":
@@ -54,6 +55,7 @@ def plot_denoising_error(
     from jaxmotion.viz.picture import Picture
 
     known_clip("plot_denoising_error", truth, "truth")
+    known_only("plot_denoising_error", cutoffs=cutoffs)
     _check_alike(truth, noisy, "noisy")
     rate = float(truth.fps)
     at = _checked_cutoffs(cutoffs, rate)
@@ -64,7 +66,7 @@ def plot_denoising_error(
         found = np.asarray(forward_kinematics(motion).positions, np.float64)
         return float(np.linalg.norm(found - where, axis=-1).mean())
 
-    figure = Picture(figsize=(7.0, 4.4), layout="constrained")
+    figure = Picture(figsize=(7.0, 4.8), layout="constrained")
     axes = figure.add_subplot()
     products = np.asarray(1 / (2 * np.sin(np.pi * at / rate) ** 2), truth.dtype)
     smooth = [error(smooth_motion(noisy, x, 1.0), "smooth_motion") for x in products]
@@ -83,7 +85,7 @@ def plot_denoising_error(
     axes.set_xlabel("cut-off, Hz")
     axes.set_ylabel(f"mean joint error, {unit_of(truth.skeleton)}")
     axes.spines[["top", "right"]].set_visible(False)
-    figure.legend(*_plain_labels(axes), loc="outside upper center", ncols=4, frameon=False)
+    figure.legend(*_plain_labels(axes), loc="outside upper center", ncols=2, frameon=False)
     return figure
 
 
@@ -97,7 +99,7 @@ def _plain_numbers(axes) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator
 
     for side in (axes.xaxis, axes.yaxis):
-        side.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        side.set_major_locator(LogLocator(subs=(1, 1.5, 2, 3, 5, 7)))
         side.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         side.set_minor_formatter(FuncFormatter(lambda value, _: ""))
 
@@ -118,7 +120,7 @@ def _check_alike(truth: Motion, motion: Any, name: str) -> None:
         )
 
 
-def _checked_cutoffs(cutoffs: Sequence[float] | None, rate: float) -> np.ndarray:
+def _checked_cutoffs(cutoffs: ArrayLike | None, rate: float) -> np.ndarray:
     if cutoffs is None:
         return np.geomspace(0.01 * rate, 0.48 * rate, _LOOKS)
     at = np.asarray(cutoffs, np.float64)

@@ -11,6 +11,7 @@ from jaxmotion.cleaning import DetectedErrors, Digression
 from jaxmotion.frames.runs import spans
 from jaxmotion.motion import Motion
 from jaxmotion.viz.colours import ORANGE, SIZES
+from jaxmotion.viz.given import known_only
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,13 +36,14 @@ def plot_digression(
     of more than 30 those that digress or are in error.
     **Returns:** a Matplotlib figure of its own (``figure.savefig("errors.png")``), outside pyplot;
     notebooks show it.
-    **Raises:** ``ValueError`` for a motion of another shape and unknown joints; ``ImportError``
-    without Matplotlib.
+    **Raises:** ``ValueError`` for a motion of another shape, unknown joints, what is traced;
+    ``ImportError`` without Matplotlib.
     """
     from matplotlib.collections import LineCollection
 
     from jaxmotion.viz.picture import Picture
 
+    known_only("plot_digression", found=found, motion=motion)
     mdm = np.asarray(found.mdm)
     is_known = isinstance(found, DetectedErrors)
     mask = np.asarray(found.mask) if is_known else np.zeros(mdm.shape, bool)

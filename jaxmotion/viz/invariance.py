@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from jaxmotion import quaternion
+from jaxmotion._types import ArrayLike
 from jaxmotion.cleaning.turns import angles_between
 from jaxmotion.motion import Motion
 from jaxmotion.multiresolution import Pyramid, build_pyramid
@@ -26,7 +28,7 @@ def plot_invariance(
     motion: Motion,
     levels: int | None = None,
     *,
-    angles: Sequence[float] | None = None,
+    angles: ArrayLike | None = None,
     orders: Sequence[str] = ("XYZ", "ZXY", "YXZ"),
 ) -> "Figure":
     """Draw how wrong a motion comes out whose base alone was turned about the vertical.
@@ -60,10 +62,10 @@ def plot_invariance(
     by = np.arange(1, _STEPS + 1) * _STEP if angles is None else np.asarray(angles, np.float64)
     if by.ndim != 1 or not by.size or not np.isfinite(by).all():
         raise ValueError(f"plot_invariance: angles={angles}; expected some degrees")
-    root = np.asarray(motion.rotations)[:, :1]
+    root = jnp.asarray(motion.rotations)[:, :1]
     up = np.eye(3)[motion.skeleton.up_axis]
     half = np.radians(by)[:, None] / 2
-    turns = np.concatenate([np.cos(half), np.sin(half) * up], axis=1).astype(root.dtype)
+    turns = jnp.asarray(np.concatenate([np.cos(half), np.sin(half) * up], axis=1), root.dtype)
     wanted = [np.asarray(quaternion.multiply(turn, root)) for turn in turns]
     rounding = float(np.degrees(np.finfo(root.dtype).eps))
 
@@ -71,7 +73,7 @@ def plot_invariance(
         apart = [angles_between(a, b).max() for a, b in zip(wanted, results, strict=True)]
         return np.maximum(np.degrees(apart), rounding)
 
-    figure = Picture(figsize=(7.0, 4.2), layout="constrained")
+    figure = Picture(figsize=(6.5, 4.6), layout="constrained")
     axes = figure.add_subplot()
     own = build_pyramid(motion, levels)
     ours = errors(_turned_base(own, turn) for turn in turns)
@@ -82,20 +84,20 @@ def plot_invariance(
         look = {"color": SERIES[1 + k % 5], "marker": _MARKS[k % len(_MARKS)], "ms": 5}
         axes.plot(by, theirs, ls="--", label=f"Euler angles, {order}", **look)
     axes.set_yscale("log")
-    axes.set_ylim(top=max(180.0, axes.get_ylim()[1]))
     axes.set_xlabel(f"turned about {motion.skeleton.up}, degrees")
     axes.set_ylabel("largest error of the root, degrees")
     axes.spines[["top", "right"]].set_visible(False)
-    figure.legend(loc="outside upper center", ncols=4, frameon=False)
+    figure.legend(loc="outside upper center", ncols=2, frameon=False)
     return figure
 
 
-def _turned_base(pyramid: Pyramid, turn: np.ndarray) -> np.ndarray:
+def _turned_base(pyramid: Pyramid, turn: Array) -> np.ndarray:
     """Root rotations f[T, 1, 4] of what has the base turned."""
     base = pyramid.base
     rotations = jnp.asarray(base.rotations)
     turned = rotations.at[:, 0].set(quaternion.multiply(turn, rotations[:, 0]))
-    return _together(pyramid, base.with_transforms(rotations=turned)).rotations[:, :1]
+    whole = _together(pyramid, base.with_transforms(rotations=turned))
+    return np.asarray(whole.rotations)[:, :1]
 
 
 def _of_euler(motion: Motion, order: str, levels: int | None) -> Pyramid:
@@ -108,7 +110,7 @@ def _of_euler(motion: Motion, order: str, levels: int | None) -> Pyramid:
     return build_pyramid(Motion.from_root(skeleton, angles, still, motion.frame_time), levels)
 
 
-def _turned_euler(pyramid: Pyramid, turn: np.ndarray, order: str) -> np.ndarray:
+def _turned_euler(pyramid: Pyramid, turn: Array, order: str) -> np.ndarray:
     base = pyramid.base
     q = quaternion.multiply(turn, quaternion.from_euler(base.translations[:, 0], order))
     angles = quaternion.to_euler(q, order, unwrap=True)

@@ -39,7 +39,7 @@ def plot_layers(
 
     **Arguments:** ``layers``: of :func:`jaxmotion.decompose`, one clip, not traced; ``joint``: its
     number or name; ``channel``: "rotation" or "translation"; ``axis``: "x", "y" or "z", by default
-    the component that moves most; ``weights``, ``order``: as they were given to ``decompose``,
+    the component whose control is largest; ``weights``, ``order``: as ``decompose`` was given them,
     f[T] or f[T, J], for the band.
     **Returns:** a Matplotlib figure of its own (``figure.savefig("layers.png")``), outside pyplot,
     of three rows; notebooks show it.
@@ -51,8 +51,8 @@ def plot_layers(
         >>> import jaxmotion as jm
         >>> layers = jm.decompose(jm.samples.load("walk").motion[:16])
         >>> figure = jm.viz.plot_layers(layers, "LeftLeg")
-        >>> [axes.get_ylabel() for axes in figure.axes][0]
-        'about x, degrees'
+        >>> figure.get_supylabel(), figure.axes[-1].get_xlabel()
+        ('about x, degrees', 'seconds')
     """
     from jaxmotion.viz.picture import Picture
 
@@ -60,7 +60,7 @@ def plot_layers(
     skeleton, second = layers.base.skeleton, float(layers.base.frame_time)
     number = joint_number("plot_layers", skeleton, joint)
     curves, deltas = _curves(layers, number, channel)
-    along = axis_number("plot_layers", axis, np.ptp(curves["captured"], axis=0))
+    along = axis_number("plot_layers", axis, np.ptp(deltas["control"], axis=0))
     deviation = _deviation(layers, number, channel, weights, order)
     times = second * np.arange(layers.base.num_frames)
     figure = Picture(figsize=(8.0, 5.6), layout="constrained")
@@ -82,12 +82,14 @@ def plot_layers(
         axes.plot(times, delta[:, along], color=BLUE, lw=1.4)
         axes.set_title(name, fontsize="small", loc="left", pad=3)
     for axes in (whole, *parts):
-        unit = "degrees" if channel == "rotation" else unit_of(skeleton)
-        axes.set_ylabel(f"{'about' if channel == 'rotation' else 'along'} {'xyz'[along]}, {unit}")
         axes.margins(x=0)
         axes.spines[["top", "right"]].set_visible(False)
     whole.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=4, frameon=False)
-    whole.set_title(printable(skeleton.names[number]), loc="left", parse_math=False)
+    name = printable(skeleton.names[number])
+    whole.set_title(name, fontsize="medium", loc="left", parse_math=False)
+    unit = "degrees" if channel == "rotation" else unit_of(skeleton)
+    way = "about" if channel == "rotation" else "along"
+    figure.supylabel(f"{way} {'xyz'[along]}, {unit}", fontsize="medium")
     parts[-1].set_xlabel("seconds")
     return figure
 

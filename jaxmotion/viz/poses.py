@@ -80,7 +80,7 @@ def plot_poses(
     axes.set_ylim(low[1] - margin, high[1] + margin)
     axes.set_aspect("equal")
     second = float(first.frame_time)
-    axes.set_xticks(places, [f"{round(second * t, 3):g}" for t in frames])
+    axes.set_xticks(places, [f"{round(second * t, 2):g}" for t in frames])
     axes.set_xlabel("seconds")
     axes.set_ylabel(f"height, {unit_of(first.skeleton)}")
     axes.spines[["top", "right"]].set_visible(False)

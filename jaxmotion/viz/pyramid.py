@@ -53,10 +53,10 @@ def plot_pyramid(
     along = axis_number("plot_pyramid", axis, np.ptp(curves[-1], axis=0))
     times, unit = _times(pyramid, frames, float(clips[-1].frame_time))
     figure = Picture(figsize=(9.0, 1.0 + 1.25 * (levels + 1)), layout="constrained")
-    grid = figure.subplots(levels + 1, 2, sharex=True, sharey="col", squeeze=False)
+    grid = figure.subplots(levels + 1, 2, sharex=True, squeeze=False)
     for level, (left, right) in enumerate(grid):
         if level < levels:
-            left.plot(times, curves[-1][:, along], color=GREY, lw=1)
+            left.plot(times, curves[-1][:, along], color=GREY, lw=3, alpha=0.7)
         left.plot(times, curves[level][:, along], color=BLUE, lw=1.8)
         left.set_title(_title(level, levels), fontsize="small", loc="left", pad=3)
         for axes in (left, right):
@@ -72,6 +72,8 @@ def plot_pyramid(
         at = times[(places * 2 ** (levels - level))[inside]]
         right.plot(at, values[inside], ".-", color=BLUE, lw=1, ms=3)
         right.set_title(f"detail {level} of {levels}: {size} frames", fontsize="small", loc="left")
+    for axes in grid[1:, 0]:
+        axes.sharey(grid[0, 0])
     for axes in grid[-1]:
         axes.set_xlabel(unit)
     grid[0, 1].tick_params(labelbottom=False)

@@ -9,6 +9,7 @@ from jaxmotion._plain import printable
 from jaxmotion.cleaning import Repaired, RepairedRun
 from jaxmotion.cleaning.turns import angles_between, mean_rotation
 from jaxmotion.viz.colours import BLUE, ORANGE, PALE
+from jaxmotion.viz.given import known_only
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,10 +29,12 @@ def plot_repair(repaired: Repaired, *, run: int = 0) -> "Figure":
     its runs.
     **Returns:** a Matplotlib figure of its own (``figure.savefig("run.png")``), outside pyplot;
     notebooks show it.
-    **Raises:** ``ValueError`` for a run that there is not; ``ImportError`` without Matplotlib.
+    **Raises:** ``ValueError`` for a run that there is not, what is traced; ``ImportError`` without
+    Matplotlib.
     """
     from jaxmotion.viz.picture import Picture
 
+    known_only("plot_repair", repaired=repaired)
     every = repaired.runs
     if not -len(every) <= run < len(every):
         raise ValueError(f"plot_repair: run={run}; there are {len(every)} runs")

@@ -59,7 +59,9 @@ def plot_time_warp(
     above.plot((0, end), (0, end), color=GREY, ls="--", lw=1.5, label="as it was")
     above.plot(times, second * read, color=BLUE, lw=2, label="warped")
     if pairs is not None:
-        source, shown = np.asarray(pairs, np.float64).T
+        # Where they are shown: easing and num_frames move them.
+        source = np.asarray(pairs, np.float64)[:, 0]
+        shown = np.interp(source, second * read, times)
         above.plot(shown, source, "o", color=BLACK, ms=5, label="pairs")
     looks = {"color": GREY, "lw": 1.5, "ls": "--"}, {"color": BLUE, "lw": 2}
     for clip, look in zip((motion, result), looks, strict=True):

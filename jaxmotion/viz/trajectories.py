@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _STYLES = ("-", "--", ":", "-.")
+_LARGEST = 6.0  # inches of a side
 
 
 def plot_trajectories(
@@ -52,12 +53,16 @@ def plot_trajectories(
                 "expected one axis (jaxmotion.reorient)"
             )
     ahead, aside = (int(np.argmax(axis)) for axis in axes_of(first)[:2])
-    figure = Picture(figsize=(6.5, 6.5), layout="constrained")
+    paths = {}
+    for name, clip in clips.items():
+        chosen = joint_numbers("plot_trajectories", clip.skeleton, joints, [0])
+        where = np.asarray(forward_kinematics(clip).positions, np.float64)
+        paths[name] = chosen, where[:, :, [ahead, aside]]
+    figure = Picture(figsize=_size(paths), layout="constrained")
     axes = figure.add_subplot()
     many = 0
-    for number, (name, clip) in enumerate(clips.items()):
-        chosen = joint_numbers("plot_trajectories", clip.skeleton, joints, [0])
-        where = np.asarray(forward_kinematics(clip).positions)[:, :, [ahead, aside]]
+    for number, (name, (chosen, where)) in enumerate(paths.items()):
+        clip = clips[name]
         for k, joint in enumerate(chosen):
             colour = SERIES[(number if len(clips) > 1 else k) % len(SERIES)]
             style = _STYLES[(k if len(clips) > 1 else 0) % len(_STYLES)]
@@ -78,6 +83,15 @@ def plot_trajectories(
     axes.spines[["top", "right"]].set_visible(False)
     figure.legend(loc="outside upper center", ncols=min(many, 4), frameon=False)
     return figure
+
+
+def _size(paths: dict[str, tuple[list[int], np.ndarray]]) -> tuple[float, float]:
+    """Inches for what is drawn, at most three times as wide as it is high and the other way."""
+    drawn = np.concatenate([where[:, chosen].reshape(-1, 2) for chosen, where in paths.values()])
+    extent = np.ptp(drawn, axis=0)
+    extent = np.maximum(extent, max(extent.max(), 1e-9) / 3)
+    wide, high = _LARGEST * extent / extent.max()
+    return wide + 1.0, high + 1.0
 
 
 def _arrows(axes, motion: Motion, path: np.ndarray, ground: tuple[int, int], colour: str) -> None:
