@@ -1,26 +1,21 @@
 """The picture in docs/style.md: knee and hip of a walk, a run, and the walk in the run's manner.
 
-python notebooks/style_phase.py        writes style_phase.png beside it; needs matplotlib and scipy
+python docs/pictures.py style_phase        remakes docs/pictures/style_phase.png; needs scipy
 
 Each curve is one joint's bend against how fast it bends. Dotted: by Euler angles, Eq. 5 of Wu et
 al. 2006, each angle scaled by itself, in the usual order z, x, y: x cannot go beyond 90 degrees,
 and the run's knee does.
 """
 
-from pathlib import Path
-
-import jax
 import matplotlib.pyplot as plt
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
+from jaxmotion.viz.colours import BLUE, GREY, ORANGE
 
-BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#999999"
 
-
-def main():
-    jax.config.update("jax_enable_x64", True)
+def draw():
     source, reference = (jm.samples.load(name).motion[:129] for name in ("walk", "run"))
     result = jm.style.transfer_style(source, reference, keep_contacts=False).motion
     curves = (
@@ -40,7 +35,7 @@ def main():
         axes.spines[["top", "right"]].set_visible(False)
     lines = panels[0].get_lines()
     figure.legend(handles=lines, loc="outside upper center", frameon=False, ncols=4)
-    figure.savefig(Path(__file__).with_name("style_phase.png"), dpi=100)
+    return figure
 
 
 def bent(motion, joint):
@@ -63,7 +58,3 @@ def by_euler(source, reference):
 def angles_of(motion, joint):
     q = np.roll(np.asarray(motion.rotations)[:, joint], -1, axis=-1)
     return np.unwrap(Rotation.from_quat(q).as_euler("ZXY"), axis=0)
-
-
-if __name__ == "__main__":
-    main()

@@ -2,33 +2,36 @@
 
 python notebooks/sudden_moves.py FILE.bvh JOINT FRAME   a clip of yours, about a frame; else a toe
                                                         made up on the built-in walk
-Writes sudden_moves.png beside it (a clip of yours: in the working directory); needs matplotlib.
+Writes sudden_moves.png into the working directory; needs matplotlib. The picture in the README is
+remade by python docs/pictures.py sudden_moves.
 """
 
 import sys
-from pathlib import Path
 
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxmotion as jm
+from jaxmotion.viz.colours import BLUE, GREY, ORANGE
 
 NOISE = 0.01  # radians a joint's axis
 AROUND = 20  # frames on either side of the flick
 FLICK = (22.0, 32.0, 52.0, 36.0, 22.0)  # degrees, the toe of a published run at 30 frames a second
-BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#999999"
 
 
 def main():
     jax.config.update("jax_enable_x64", True)
     if len(sys.argv) == 4:
         path, joint, frame = sys.argv[1:]
-        clip, where = jm.load(path, dtype=np.float64), Path("sudden_moves.png")
-        joint, frame = clip.skeleton.index(joint), int(frame)
+        clip = jm.load(path, dtype=np.float64)
+        figure = draw(clip, clip.skeleton.index(joint), int(frame))
     else:
-        clip, joint, frame = made_up()
-        where = Path(__file__).with_suffix(".png")
+        figure = draw(*made_up())
+    figure.savefig("sudden_moves.png", dpi=100)
+
+
+def draw(clip, joint, frame):
     noisy = jm.samples.add_noise(clip, jax.random.key(0), rotation=NOISE).motion
     figure, (clean, shaky, found) = plt.subplots(1, 3, figsize=(11, 3.6), layout="constrained")
     draw_joint(clean, clip, clip, joint, frame)
@@ -39,7 +42,7 @@ def main():
     draw_noise(found, noisy)
     for axes in (clean, shaky, found):
         axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(where, dpi=100)
+    return figure
 
 
 def made_up():

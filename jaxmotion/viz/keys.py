@@ -17,6 +17,13 @@ from jaxmotion.viz.turns import turned_since_first
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_LOOKS = {
+    "truth": {"color": GREY, "lw": 5.0, "zorder": 1},
+    "smooth, least energy": {"color": BLUE, "lw": 2.0},
+    "smooth, nearest signs": {"color": ORANGE, "lw": 1.8, "ls": "--"},
+    "SLERP": {"color": GREEN, "lw": 1.5, "ls": ":"},
+}
+
 
 def plot_key_interpolation(
     keys: Motion,
@@ -78,15 +85,9 @@ def plot_key_interpolation(
     first = turns["smooth, least energy"]
     along = axis_number("plot_key_interpolation", axis, np.ptp(first, axis=0))
     second = _seconds_a_frame(keys, truth)
-    looks = {
-        "truth": {"color": GREY, "lw": 5.0, "zorder": 1},
-        "smooth, least energy": {"color": BLUE, "lw": 2.0},
-        "smooth, nearest signs": {"color": ORANGE, "lw": 1.8, "ls": "--"},
-        "SLERP": {"color": GREEN, "lw": 1.5, "ls": ":"},
-    }
     figure = Picture(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.add_subplot()
-    for name, look in looks.items():
+    for name, look in _LOOKS.items():
         if name in turns:
             curve = turns[name][:, along]
             axes.plot(second * np.arange(len(curve)), curve, label=name, **look)

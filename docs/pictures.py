@@ -1,0 +1,147 @@
+"""The pictures of the README and of docs/, all of built-in clips.
+
+    python docs/pictures.py [NAME ...]        remakes docs/pictures/NAME.png, by default all
+
+Needs ``pip install '.[test]'``: matplotlib, and SciPy for a filter to compare with. A minute or
+two. What the library's plots show is drawn by ``jaxmotion.viz``; two experiments have scripts of
+their own in notebooks/.
+"""
+
+import importlib.util
+import sys
+from io import BytesIO
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from PIL import Image
+from scipy.signal import butter, filtfilt
+
+import jaxmotion as jm
+from jaxmotion.viz.colours import BLUE, GREY, ORANGE
+from jaxmotion.viz.picture import Picture
+
+FOLDER = Path(__file__).with_suffix("")
+NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
+COLOURS = 255  # of a file, one byte a pixel: curves and text need no more
+DOUBLE = ("style_phase", "sudden_moves")  # drawn in float64; noise drawn in float32 is another
+NOISE = 0.05  # radians
+
+
+def strip():
+    """Before and after: a walk, and the same with its style doubled."""
+    walk = jm.samples.load("walk", num_frames=107).motion
+    lively = jm.stylize(walk, alpha=2.0, keep_contacts=True)
+    clips = {"as captured": walk, "style doubled, contacts kept": lively}
+    return jm.viz.plot_poses(clips, count=9)
+
+
+def layers():
+    """A forearm of a noisy walk taken apart, the noise learned."""
+    _, noisy = walk_and_noisy()
+    return jm.viz.plot_layers(jm.decompose(noisy, tune="evidence"), "LeftForeArm")
+
+
+def tuning():
+    """What a cut-off costs, and what learning λ and σ of every joint gives."""
+    walk, noisy = walk_and_noisy()
+    return jm.viz.plot_denoising_error(
+        walk,
+        noisy,
+        filters={"Butterworth, both ways": butterworth},
+        denoised={"jm.denoise, λ and σ learned": jm.denoise(noisy)},
+    )
+
+
+def walk_and_noisy():
+    walk = jm.samples.load("walk", num_frames=181).motion
+    return walk, jm.samples.add_noise(walk, jax.random.key(0), rotation=NOISE).motion
+
+
+def butterworth(motion, cutoff):
+    """Order 2, forward and backward over quaternions of aligned signs."""
+    q = np.asarray(jm.quaternion.align_signs(motion.rotations))
+    smooth = filtfilt(*butter(2, cutoff, fs=float(motion.fps)), q, axis=0)
+    unit = smooth / np.linalg.norm(smooth, axis=-1, keepdims=True)
+    return motion.with_transforms(rotations=jnp.asarray(unit, motion.dtype))
+
+
+def digression():
+    """A walk with errors, and what was found in it."""
+    _, _, found = cleaned()
+    return jm.viz.plot_digression(found.errors)
+
+
+def knee():
+    """Of the same walk the knee where a gap was filled the short way."""
+    walk, broken, found = cleaned()
+    joint = walk.skeleton.index("LeftLeg")
+    figure = Picture(figsize=(9.0, 2.8), layout="constrained")
+    axes = figure.add_subplot()
+    for clip, look in (
+        (walk, {"color": GREY, "lw": 5, "label": "as it was"}),
+        (broken, {"color": ORANGE, "label": "damaged"}),
+        (found.motion, {"color": BLUE, "label": "repaired"}),
+    ):
+        bend = np.degrees(np.asarray(jm.quaternion.log(clip.rotations[:, joint]))[:, 0])
+        axes.plot(np.asarray(walk.times), bend, **look)
+    axes.set(xlabel="seconds", ylabel="left knee, degrees")
+    axes.margins(x=0)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.legend(frameon=False, ncols=3, loc="outside lower center")
+    return figure
+
+
+def cleaned():
+    walk = jm.samples.load("walk", fps=30.0, num_frames=180).motion
+    joint = walk.skeleton.index("LeftLeg")
+    key = jax.random.key(15)
+    gap = jm.samples.fill_gaps(walk, key, runs=1, length=(20, 20), joints=[joint])
+    broken = jm.samples.inject_errors(gap.motion, jax.random.key(2), runs=1).motion
+    return walk, broken, jm.cleaning.repair(broken)
+
+
+def style_phase():
+    """Knee and hip of a walk, a run, and the walk in the run's manner."""
+    return notebook("style_phase").draw()
+
+
+def sudden_moves():
+    """A toe that flicks, denoised both ways."""
+    script = notebook("sudden_moves")
+    return script.draw(*script.made_up())
+
+
+def notebook(name):
+    spec = importlib.util.spec_from_file_location(name, NOTEBOOKS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+PICTURES = {
+    draw.__name__: draw
+    for draw in (strip, layers, tuning, digression, knee, style_phase, sudden_moves)
+}
+
+
+def write(figure, path):
+    """As PNG of few colours, which is a third of the size."""
+    file = BytesIO()
+    figure.savefig(file, format="png", dpi=100)
+    image = Image.open(file).convert("RGB")
+    image.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+def main(names=(), folder=FOLDER):
+    if unknown := set(names) - set(PICTURES):
+        raise SystemExit(f"no picture {', '.join(unknown)}; there are {', '.join(PICTURES)}")
+    folder.mkdir(exist_ok=True)
+    for name in names or PICTURES:
+        jax.config.update("jax_enable_x64", name in DOUBLE)
+        write(PICTURES[name](), folder / f"{name}.png")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
