@@ -3,7 +3,7 @@
     python docs/pictures.py [NAME ...]        remakes docs/pictures/NAME.png, by default all
 
 Needs ``pip install '.[test]'``: matplotlib, and SciPy for a filter to compare with. Some three
-minutes. What the library's plots show is drawn by ``jaxmotion.viz``; two experiments have scripts of
+minutes. Most are drawn by ``jaxmotion.viz``; two experiments have scripts of
 their own in notebooks/.
 """
 
