@@ -91,9 +91,9 @@ def encoded(figure: Figure, origin: Float[np.ndarray, "3"]) -> dict[str, Any]:
 def middle_of(points: Float[np.ndarray, "time point 3"]) -> Float[np.ndarray, "time 3"]:
     """The median over the points, axis by axis: a root that stays while the body goes is none of
     it. NaN where no point is finite."""
-    finite: np.ndarray = np.isfinite(points).all(axis=-1)
+    finite = np.asarray(np.isfinite(points).all(axis=-1))
     middle = np.full((len(points), 3), np.nan)
-    whole: np.ndarray = np.all(finite, axis=-1)
+    whole = np.asarray(finite.all(axis=-1))
     middle[whole] = np.median(points[whole], axis=1)
     for frame in np.flatnonzero(np.sum(finite, axis=-1) * ~whole):
         middle[frame] = np.median(points[frame, finite[frame]], axis=0)
