@@ -2,13 +2,16 @@
 
     python docs/pictures.py [NAME ...]        remakes docs/pictures/NAME.png, by default all
 
-Needs ``pip install '.[test]'``: matplotlib, and SciPy for a filter to compare with. Some three
-minutes. Most are drawn by ``jaxmotion.viz``; two experiments have scripts of
-their own in notebooks/.
+Needs ``pip install '.[test]'``: matplotlib, SciPy for a filter to compare with, selenium and
+Chromium for the player. Some three minutes. Most are drawn by ``jaxmotion.viz``; two experiments
+have scripts of their own in notebooks/.
 """
 
 import importlib.util
+import shutil
 import sys
+import tempfile
+import time
 from io import BytesIO
 from pathlib import Path
 
@@ -27,6 +30,12 @@ NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 COLOURS = 255  # of a file, one byte a pixel: curves and text need no more
 DOUBLE = ("style_phase", "sudden_moves")  # drawn in float64; noise drawn in float32 is another
 NOISE = 0.05  # radians
+BROWSER = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"),
+    *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
+    *("--no-first-run", "--disable-background-networking", "--disable-component-update"),
+)
+SEEN = "frame=118&paused"
 
 
 def strip():
@@ -113,6 +122,36 @@ def sudden_moves():
     return script.draw(*script.made_up())
 
 
+def player():
+    """The player with the same walk before and after, as Chromium shows it."""
+    from selenium import webdriver
+
+    _, broken, found = cleaned()
+    contacts = {"after": jm.contacts.detect(found.motion)}
+    page = jm.viz.player(
+        {"before": broken, "after": found.motion},
+        contacts=contacts,
+        errors={"before": found.errors},
+        picked=["LeftLeg"],
+        theme="light",
+    )
+    options = webdriver.ChromeOptions()
+    options.binary_location = shutil.which("chromium") or ""
+    for flag in BROWSER:
+        options.add_argument(flag)
+    driver = webdriver.Chrome(options, webdriver.ChromeService(shutil.which("chromedriver")))
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            page.save(f"{folder}/walk.html")
+            size = {"width": 800, "height": 560, "deviceScaleFactor": 1, "mobile": False}
+            driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+            driver.get(f"file://{folder}/walk.html#{SEEN}")
+            time.sleep(1.0)  # drawn, and all that moves at first at rest
+            return BytesIO(driver.get_screenshot_as_png())
+    finally:
+        driver.quit()
+
+
 def notebook(name):
     spec = importlib.util.spec_from_file_location(name, NOTEBOOKS / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
@@ -122,14 +161,17 @@ def notebook(name):
 
 PICTURES = {
     draw.__name__: draw
-    for draw in (strip, layers, tuning, digression, knee, style_phase, sudden_moves)
+    for draw in (strip, layers, tuning, digression, knee, style_phase, sudden_moves, player)
 }
 
 
-def write(figure, path):
-    """As PNG of few colours, which is a third of the size."""
-    file = BytesIO()
-    figure.savefig(file, format="png", dpi=100)
+def write(picture, path):
+    """A figure, or a picture that is drawn already, as PNG of few colours, which is a third of the
+    size."""
+    file = picture
+    if isinstance(picture, Picture):
+        file = BytesIO()
+        picture.savefig(file, format="png", dpi=100)
     image = Image.open(file).convert("RGB")
     image.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
 
