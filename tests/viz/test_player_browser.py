@@ -189,6 +189,13 @@ def two():
     return player({"before": clip(), "after": jm.reorient(slow, "z")}, title="two")
 
 
+def apart():
+    motion = clip()
+    there = np.array(motion.translations)
+    there[:, 0] += [5.0, 0.0, -3.0]
+    return motion, motion.replace(translations=there)
+
+
 def missing():
     motion = clip()
     t = np.array(motion.translations)
@@ -202,6 +209,7 @@ PAGES = {
     "marked": marked,
     "two": two,
     "missing": missing,
+    "apart": lambda: player(dict(zip("ab", apart(), strict=True)), side_by_side=True),
     "hostile": lambda: player(
         {HOSTILE[1]: named(random_motion(np.random.default_rng(0), 5, 6), HOSTILE)},
         title=HOSTILE[0],
@@ -401,6 +409,12 @@ def test_keys(browser):
     assert browser.get("p.speed") == 2
     browser.key("d")
     assert browser.get("p.theme") == "dark"
+    browser.js("document.querySelector('[data-name=first]').focus()")
+    frame = browser.get("p.frame")
+    browser.key(" ")
+    browser.key(" ")
+    assert browser.get("p.playing") is False
+    assert browser.get("p.frame") >= frame  # the button was not pressed
     yaws = []
     for key in "123":
         browser.key(key)
@@ -550,6 +564,38 @@ def test_clips_share_a_clock_and_stand_side_by_side(browser):
     assert browser.get("p.viewport(0).w") == 900
 
 
+def test_takes_that_start_elsewhere_have_views_of_their_own(browser):
+    browser.open("apart", "paused&canvas2d&frame=30")
+    left, right = browser.get("[p.viewport(0), p.viewport(1)]")
+    hips = browser.get("[p.project('Hips', 0), p.project('Hips', 1)]")
+    for view, (x, _) in zip((left, right), hips, strict=True):
+        assert abs(x - view["x"] - view["w"] / 2) < 0.2 * view["w"]
+    camera = browser.get("p.camera")
+    page = PAGES["apart"]()
+    one, two = (world(m, page) for m in apart())
+    away = (two - one)[30, 0] * [1, 0, 1]
+    eye, target = np.add(camera["eye"], away), np.add(camera["target"], away)
+    want = projection(two[30, :22], eye, target, camera["fov"], right)
+    got = browser.get("p.joints.map((j) => p.project(j, 1))")
+    np.testing.assert_allclose(got, want, atol=0.5)
+    browser.key("s")
+    assert browser.get("p.viewport(0)") == browser.get("p.viewport(1)")
+
+
+def test_the_look_is_the_systems(browser):
+    for scheme in ("dark", "light"):
+        media = {"features": [{"name": "prefers-color-scheme", "value": scheme}]}
+        browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
+        browser.open("walk", "paused&canvas2d")
+        assert browser.get("p.theme") == scheme
+        assert (browser.pixels()[5:50, 300:400].mean() > 128) == (scheme == "light")
+    media = {"features": [{"name": "prefers-reduced-motion", "value": "reduce"}]}
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
+    browser.open("walk", "canvas2d")
+    assert browser.get("p.playing") is False
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+
+
 def test_missing_frames_are_told(browser):
     browser.open("missing", "paused&canvas2d&frame=25")
     assert browser.text("#notice") == "nothing is known at this frame"
@@ -606,10 +652,11 @@ def test_the_time_of_a_frame(browser, renderer):
     assert own < 100
 
 
-def test_a_large_clip_opens_and_plays(browser):
-    browser.open("large", "canvas2d")  # written
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_a_large_clip_opens_and_plays(browser, renderer):
+    browser.open("large", renderer)  # written
     browser.driver.get("about:blank")
-    browser.driver.get(f"{browser.files['large'].as_uri()}#canvas2d")
+    browser.driver.get(f"{browser.files['large'].as_uri()}#{renderer}")
     seconds = browser.driver.execute_async_script("""
         const done = arguments[0];
         const look = () => {
@@ -617,5 +664,5 @@ def test_a_large_clip_opens_and_plays(browser):
           else requestAnimationFrame(look);
         };
         look();""")
-    print(f"\n2526 × 65 open and playing after {seconds:.2f} s")
+    print(f"\n{renderer}, 2526 × 65: open and playing after {seconds:.2f} s")
     assert seconds < 5

@@ -6,7 +6,8 @@ function readAddress(player) {
   const { state, camera } = player;
   if (asked.has("theme")) player.setTheme(asked.get("theme"));
   if (asked.has("speed")) player.setSpeed(Number(asked.get("speed")) || 1);
-  if (asked.has("side") && (asked.get("side") !== "0") !== state.sideBySide) player.flip("sideBySide");
+  if (asked.has("side") && (asked.get("side") !== "0") !== state.sideBySide)
+    player.flip("sideBySide");
   for (const name of ["trail", "contacts", "list", "follow"])
     if (asked.has(name)) state[name] = asked.get(name) !== "0";
   if (asked.has("pick")) state.picked = new Set(asked.getAll("pick"));
@@ -21,7 +22,9 @@ function readAddress(player) {
   if (asked.has("time")) player.seek(Number(asked.get("time")) / state.frameTime || 0);
   if (asked.has("frame")) player.seek(Number(asked.get("frame")) || 0);
   if (asked.has("camera")) {
-    const [yaw, pitch, distance] = numbers("camera").map((x, k) => (k < 2 ? (x * Math.PI) / 180 : x));
+    const [yaw, pitch, distance] = numbers("camera").map((x, k) =>
+      k < 2 ? (x * Math.PI) / 180 : x,
+    );
     if (Number.isFinite(yaw)) camera.yaw = yaw;
     if (Number.isFinite(pitch)) camera.pitch = clamp(pitch, -1.55, 1.55);
     if (distance > 0) camera.distance = distance;

@@ -3,7 +3,8 @@
 function apiOf(player) {
   const { state } = player;
   const clipAt = (clip) => state.clips[clip];
-  const number = (joint, clip) => (typeof joint === "string" ? clipAt(clip).number.get(joint) : joint);
+  const number = (joint, clip) =>
+    typeof joint === "string" ? clipAt(clip).number.get(joint) : joint;
   const box = () => player.picture.canvas.getBoundingClientRect();
   const mean = (list) => list.reduce((sum, x) => sum + x, 0) / (list.length || 1);
   const api = {
@@ -50,24 +51,57 @@ function apiOf(player) {
       return (performance.now() - start) / frames;
     },
   };
-  const both = (name, read, write) => Object.defineProperty(api, name, { get: read, set: write, enumerable: true });
-  both("frame", () => state.frame, (frame) => player.seek(frame));
-  both("time", () => state.time, (seconds) => player.seek(seconds / state.frameTime));
-  both("speed", () => state.speed, (speed) => player.setSpeed(speed));
-  both("loop", () => state.loop, (loop) => player.setLoop(loop));
-  both("theme", () => player.theme, (theme) => player.setTheme(theme));
+  const both = (name, read, write) =>
+    Object.defineProperty(api, name, { get: read, set: write, enumerable: true });
+  both(
+    "frame",
+    () => state.frame,
+    (frame) => player.seek(frame),
+  );
+  both(
+    "time",
+    () => state.time,
+    (seconds) => player.seek(seconds / state.frameTime),
+  );
+  both(
+    "speed",
+    () => state.speed,
+    (speed) => player.setSpeed(speed),
+  );
+  both(
+    "loop",
+    () => state.loop,
+    (loop) => player.setLoop(loop),
+  );
+  both(
+    "theme",
+    () => player.theme,
+    (theme) => player.setTheme(theme),
+  );
   for (const name of ["picked", "hidden"])
-    both(name, () => [...state[name]], (names) => {
-      state[name] = new Set(names);
-      player.timeline.isStale = player.curves.isStale = true;
-      player.changed();
-    });
+    both(
+      name,
+      () => [...state[name]],
+      (names) => {
+        state[name] = new Set(names);
+        player.timeline.isStale = player.curves.isStale = true;
+        player.changed();
+      },
+    );
   for (const name of ["follow", "trail", "contacts", "marks", "sideBySide", "list"])
-    both(name, () => state[name], (value) => {
-      state[name] = Boolean(value);
-      player.changed();
-    });
-  both("camera", () => cameraTold(player), (asked) => setCamera(player, asked));
+    both(
+      name,
+      () => state[name],
+      (value) => {
+        state[name] = Boolean(value);
+        player.changed();
+      },
+    );
+  both(
+    "camera",
+    () => cameraTold(player),
+    (asked) => setCamera(player, asked),
+  );
   return api;
 }
 
@@ -77,8 +111,17 @@ function cameraTold(player) {
   const { w, h } = player.looking.views[0];
   const { eye, target, yaw, pitch, distance, near, far, view } = camera;
   return {
-    eye, target, up: UP, fov: camera.angleOf(w / h), yaw, pitch, distance, near, far,
-    view: [...view], projection: [...camera.projection(w / h)],
+    eye,
+    target,
+    up: UP,
+    fov: camera.angleOf(w / h),
+    yaw,
+    pitch,
+    distance,
+    near,
+    far,
+    view: [...view],
+    projection: [...camera.projection(w / h)],
   };
 }
 

@@ -49,7 +49,11 @@ class CanvasPicture {
     } else {
       const { across, wide } = outline;
       const fill = c.createLinearGradient(
-        a[0] - across[0] * wide, a[1] - across[1] * wide, a[0] + across[0] * wide, a[1] + across[1] * wide);
+        a[0] - across[0] * wide,
+        a[1] - across[1] * wide,
+        a[0] + across[0] * wide,
+        a[1] + across[1] * wide,
+      );
       fill.addColorStop(0, css(mixed(colour, [1, 1, 1], 0.22), colour[3]));
       fill.addColorStop(0.4, css(colour, colour[3]));
       fill.addColorStop(1, css(scaled(colour, 0.6), colour[3]));
@@ -62,7 +66,13 @@ class CanvasPicture {
     const c = this.context;
     const r = Math.max((radius * focal) / at[2], 0.4);
     const fill = c.createRadialGradient(
-      at[0] - 0.35 * r, at[1] - 0.4 * r, 0.1 * r, at[0], at[1], r);
+      at[0] - 0.35 * r,
+      at[1] - 0.4 * r,
+      0.1 * r,
+      at[0],
+      at[1],
+      r,
+    );
     fill.addColorStop(0, css(mixed(colour, [1, 1, 1], 0.4), colour[3]));
     fill.addColorStop(0.5, css(colour, colour[3]));
     fill.addColorStop(1, css(scaled(colour, 0.62), colour[3]));
@@ -105,7 +115,10 @@ class CanvasPicture {
     const middle = [camera.target[0], camera.target[2]];
     const reach = 0.35 * look.reach;
     c.lineWidth = 1;
-    for (const [cell, ink] of [[look.cell, 0.3], [5 * look.cell, 0.8]]) {
+    for (const [cell, ink] of [
+      [look.cell, 0.3],
+      [5 * look.cell, 0.8],
+    ]) {
       const many = Math.min(Math.ceil(reach / cell), 60);
       for (const axis of [0, 1])
         for (let k = -many; k <= many; k++) {
@@ -139,11 +152,20 @@ function boneOutline(a, b, ra, rb, isLine = false) {
   const across = [-along[1] / long, along[0] / long];
   const wide = Math.max(ra, 0.5);
   const parts = isLine
-    ? [[0, wide], [1, Math.max(rb, 0.5)]]
-    : [[0, 0.5 * wide], [0.15, wide], [1, Math.max(0.42 * rb, 0.4)]];
+    ? [
+        [0, wide],
+        [1, Math.max(rb, 0.5)],
+      ]
+    : [
+        [0, 0.5 * wide],
+        [0.15, wide],
+        [1, Math.max(0.42 * rb, 0.4)],
+      ];
   const path = new Path2D();
   const corner = ([t, r], side) => [
-    a[0] + t * along[0] + side * r * across[0], a[1] + t * along[1] + side * r * across[1]];
+    a[0] + t * along[0] + side * r * across[0],
+    a[1] + t * along[1] + side * r * across[1],
+  ];
   const corners = [...parts.map((p) => corner(p, 1)), ...parts.reverse().map((p) => corner(p, -1))];
   corners.forEach(([x, y], k) => (k ? path.lineTo(x, y) : path.moveTo(x, y)));
   path.closePath();

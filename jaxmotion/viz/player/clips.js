@@ -29,7 +29,10 @@ class Clip {
     this.errors = given.errors ? bytesOf(given.errors) : null;
     this.contacts = given.contacts || null;
     this.contactSpans = (given.contacts?.spans || []).map(([point, first, last, ...place]) => ({
-      point, first, last, place,
+      point,
+      first,
+      last,
+      place,
     }));
     this.visible = true;
     this.number = new Map(given.joints.map((name, j) => [name, j]));
@@ -121,8 +124,9 @@ class Clip {
   place(frame, joint) {
     const k = 3 * (frame * this.numPoints + joint);
     if (this.places[k] === -32768) return [NaN, NaN, NaN];
-    return [0, 1, 2].map((axis) =>
-      this.middle[3 * frame + axis] + this.places[k + axis] * this.reach[joint]);
+    return [0, 1, 2].map(
+      (axis) => this.middle[3 * frame + axis] + this.places[k + axis] * this.reach[joint],
+    );
   }
 
   // From the joint of that name in another clip, at the same time.
@@ -150,16 +154,28 @@ function spansOf(frames, holds) {
 // Kinds of curves, by name: how to read one of a clip's joint (null: of all) at a frame.
 function curveKinds(content, clips) {
   const kinds = [
-    { name: "rotation angle", unit: "°", perJoint: true,
-      read: (clip, frame, joint) => (180 / Math.PI) * clip.angle(frame, joint) },
-    { name: "joint speed", unit: " /s", perJoint: true,
-      read: (clip, frame, joint) => clip.speed(frame, joint) },
+    {
+      name: "rotation angle",
+      unit: "°",
+      perJoint: true,
+      read: (clip, frame, joint) => (180 / Math.PI) * clip.angle(frame, joint),
+    },
+    {
+      name: "joint speed",
+      unit: " /s",
+      perJoint: true,
+      read: (clip, frame, joint) => clip.speed(frame, joint),
+    },
   ];
   const [first] = clips;
   if (clips.length > 1)
-    kinds.push({ name: `distance from ${first.name}`, unit: "", perJoint: true,
+    kinds.push({
+      name: `distance from ${first.name}`,
+      unit: "",
+      perJoint: true,
       of: new Map(clips.slice(1).map((clip) => [clip, null])),
-      read: (clip, frame, joint) => clip.distance(frame, joint, first) });
+      read: (clip, frame, joint) => clip.distance(frame, joint, first),
+    });
   for (const given of content.curves) {
     let kind = kinds.find((k) => k.name === given.name && k.isGiven);
     if (!kind) {

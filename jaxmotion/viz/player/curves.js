@@ -38,7 +38,8 @@ class Curves {
         found.push({ clip, joint: null, label: this.whole(clip, several), colour: own, dash: 0 });
       for (const name of joints.slice(0, MOST_CURVES)) {
         const k = names.indexOf(name);
-        const colour = names.length > 1 ? state.colours.curves[k % state.colours.curves.length] : own;
+        const colour =
+          names.length > 1 ? state.colours.curves[k % state.colours.curves.length] : own;
         const dash = names.length > 1 ? clips.indexOf(clip) % DASHES.length : 0;
         const label = several ? `${clip.name}, ${name}` : name;
         found.push({ clip, joint: clip.number.get(name), label, colour, dash });
@@ -59,7 +60,8 @@ class Curves {
     const { read, perJoint } = this.kind;
     const values = new Float32Array(clip.frames);
     for (let frame = 0; frame < clip.frames; frame++)
-      values[frame] = joint === null && perJoint ? mean(clip, read, frame) : read(clip, frame, joint);
+      values[frame] =
+        joint === null && perJoint ? mean(clip, read, frame) : read(clip, frame, joint);
     this.known.set(key, values);
     return values;
   }
@@ -150,7 +152,8 @@ class Curves {
     c.beginPath();
     let isDown = false;
     for (let frame = 0; frame < values.length; frame += every) {
-      const part = every > 1 ? values.subarray(frame, frame + every).filter(Number.isFinite) : [values[frame]];
+      const part =
+        every > 1 ? values.subarray(frame, frame + every).filter(Number.isFinite) : [values[frame]];
       if (!part.length || !Number.isFinite(part[0])) {
         isDown = false;
         continue;

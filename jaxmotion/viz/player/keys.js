@@ -33,8 +33,10 @@ function listenToKeys(player) {
     Home: () => player.seek(0),
     End: () => player.seek(state.numFrames - 1),
     ",": () => player.setSpeed(SPEEDS[Math.max(SPEEDS.indexOf(state.speed) - 1, 0)]),
-    ".": () => player.setSpeed(SPEEDS[Math.min(SPEEDS.indexOf(state.speed) + 1, SPEEDS.length - 1)]),
-    "[": () => player.setLoop([state.frame, Math.max(state.frame, state.loop?.[1] ?? state.numFrames - 1)]),
+    ".": () =>
+      player.setSpeed(SPEEDS[Math.min(SPEEDS.indexOf(state.speed) + 1, SPEEDS.length - 1)]),
+    "[": () =>
+      player.setLoop([state.frame, Math.max(state.frame, state.loop?.[1] ?? state.numFrames - 1)]),
     "]": () => player.setLoop([Math.min(state.frame, state.loop?.[0] ?? 0), state.frame]),
     "\\": () => player.setLoop(null),
     n: () => player.nextError(1),
@@ -66,8 +68,11 @@ function listenToKeys(player) {
     event.preventDefault(); // a space would press the button that has the focus, too
     act(event);
   });
-  // A button that had a click keeps no focus, so that the keys are the player's.
+  // A space on a button that has the focus is no click, and a list gives the keys back.
   document.addEventListener("keyup", (event) => {
     if (event.key === " " && event.target.tagName === "BUTTON") event.preventDefault();
+  });
+  document.addEventListener("change", (event) => {
+    if (event.target.tagName === "SELECT") event.target.blur();
   });
 }

@@ -23,7 +23,10 @@ class Looking {
   frameAll() {
     const { state, camera } = this;
     const clips = state.clips.filter((clip) => clip.visible && !this.isApart(clip));
-    const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
+    const [low, high] = [
+      [Infinity, Infinity, Infinity],
+      [-Infinity, -Infinity, -Infinity],
+    ];
     for (const clip of clips)
       for (const frame of state.follow ? [clip.frameAt(state.time)] : sampled(clip.frames))
         clip.at(frame).forEach((x, k) => {
@@ -101,7 +104,8 @@ class Looking {
   get views() {
     const { state, width, height } = this;
     const shown = state.clips.filter((clip) => clip.visible);
-    if (!state.sideBySide || shown.length < 2) return [{ x: 0, y: 0, w: width, h: height, clips: shown, camera: this.camera }];
+    if (!state.sideBySide || shown.length < 2)
+      return [{ x: 0, y: 0, w: width, h: height, clips: shown, camera: this.camera }];
     const n = shown.length;
     const isWide = width >= height;
     return shown.map((clip, k) => ({
@@ -128,7 +132,9 @@ class Looking {
         const pose = clip.at(clip.frameAt(state.time));
         for (let j = 0; j < clip.numJoints; j++) {
           const name = clip.joints[j];
-          const at = state.hidden.has(name) ? null : projected(pose.subarray(3 * j, 3 * j + 3), matrix, view);
+          const at = state.hidden.has(name)
+            ? null
+            : projected(pose.subarray(3 * j, 3 * j + 3), matrix, view);
           const cost = at ? Math.hypot(at[0] - x, at[1] - y) : Infinity;
           if (cost < best.cost) best = { cost, name };
         }

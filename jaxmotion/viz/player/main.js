@@ -3,8 +3,8 @@
 // The address understands, behind #: frame=120, time=2.5 (seconds), paused, speed=0.5, loop=40-80,
 // camera=yaw,pitch,distance (degrees and length units), target=x,y,z (which ends following),
 // follow=0, trail, contacts=0, side, list (of joints), pick=LeftFoot (may stand several times),
-// curve=joint speed, theme=dark; canvas2d (no WebGL), webgl2 (also where that is
-// slow). So player.html#frame=120&paused.
+// curve=joint speed, theme=dark; canvas2d (no WebGL), webgl2 (also where that is slow). So
+// player.html#frame=120&paused.
 //
 // window.jaxmotionPlayer, for tests and pages around it. `clip` is a number, 0 the first. The world
 // has Y up, the floor at 0; `origin` is where that is in the file's world, turned Y up.
@@ -12,8 +12,9 @@
 //   frame, time, playing, speed, loop [first, last] or null      get and set (playing: get)
 //   numFrames, frameTime, joints, renderer ("webgl2", "canvas2d"), origin
 //   play(), pause(), step(frames)
-//   camera        eye, target, up, fov (vertical, radians), yaw, pitch, distance, near, far, view and
-//                 projection (column after column); set any of eye, target, yaw, pitch, distance, fov
+//   camera        eye, target, up, fov (vertical, radians), yaw, pitch, distance, near, far, view
+//                 and projection (column after column); set any of eye, target, yaw, pitch,
+//                 distance, fov
 //   viewport(clip)                    {x, y, w, h} in CSS pixels of the window
 //   position(joint, clip = 0)         in the world, at the frame shown; a name or a number
 //   project(joint, clip = 0)          [x, y] in CSS pixels of the window, null behind the camera
@@ -33,12 +34,24 @@ class Player {
     const frameTime = clips[0].frameTime;
     const seconds = Math.max(...clips.map((clip) => (clip.frames - 1) * clip.frameTime));
     this.state = {
-      clips, frameTime,
+      clips,
+      frameTime,
       numFrames: Math.round(seconds / frameTime) + 1,
-      time: 0, playing: false, speed: 1, loop: null,
-      follow: false, trail: false, contacts: true, marks: true,
-      sideBySide: content.sideBySide, list: false, help: false,
-      hidden: new Set(), picked: new Set(content.picked), hover: null, colours: null,
+      time: 0,
+      playing: false,
+      speed: 1,
+      loop: null,
+      follow: false,
+      trail: false,
+      contacts: true,
+      marks: true,
+      sideBySide: content.sideBySide,
+      list: false,
+      help: false,
+      hidden: new Set(),
+      picked: new Set(content.picked),
+      hover: null,
+      colours: null,
       get frame() {
         return clamp(Math.round(this.time / frameTime), 0, this.numFrames - 1);
       },
@@ -49,7 +62,11 @@ class Player {
     this.scene = new Scene(this.state);
     this.timeline = new Timeline(document.getElementById("timeline"), this.state);
     this.curves = new Curves(
-      document.getElementById("curves"), this.state, this.timeline, curveKinds(content, clips));
+      document.getElementById("curves"),
+      this.state,
+      this.timeline,
+      curveKinds(content, clips),
+    );
     this.times = { draw: [], interval: [], frames: 0, last: 0 };
     this.readColours();
     this.panels = new Panels(this);
@@ -95,15 +112,19 @@ class Player {
     const read = (name) => style.getPropertyValue(`--${name}`).trim();
     const many = this.state.clips.length > 1;
     this.state.colours = {
-      clips: read(many ? "clips" : "clip").split(" ").map(colourOf),
+      clips: read(many ? "clips" : "clip")
+        .split(" ")
+        .map(colourOf),
       curves: read("curves").split(" ").map(colourOf),
       picked: colourOf(read("picked")),
       error: colourOf(read("error")),
       contact: colourOf(read("contact")),
       faded: colourOf(read("faded")),
       text: Object.fromEntries(
-        ["cursor", "on-cursor", "faint", "line", "strip", "loop", "loop-edge", "missing"].map((name) => [
-          name.replace(/-(.)/, (_, letter) => letter.toUpperCase()), read(name)])),
+        ["cursor", "on-cursor", "faint", "line", "strip", "loop", "loop-edge", "missing"].map(
+          (name) => [name.replace(/-(.)/, (_, letter) => letter.toUpperCase()), read(name)],
+        ),
+      ),
     };
     this.look = {
       light: normalized([0.45, 1, 0.55]),
@@ -196,7 +217,8 @@ class Player {
     const [first, last] = state.loop || [0, state.numFrames - 1];
     const [start, stop] = [first - 0.5, last + 0.5].map((frame) => frame * state.frameTime);
     if (state.time >= stop || state.time < start)
-      state.time = start + ((state.time - start) % (stop - start) + (stop - start)) % (stop - start);
+      state.time =
+        start + ((((state.time - start) % (stop - start)) + (stop - start)) % (stop - start));
   }
 
   // Joints
@@ -234,7 +256,9 @@ class Player {
     const hide = !state.hidden.has(name);
     const below = new Set([name]);
     for (const clip of isAlone ? [] : state.clips)
-      clip.joints.forEach((other, j) => j && below.has(clip.joints[clip.parents[j]]) && below.add(other));
+      clip.joints.forEach(
+        (other, j) => j && below.has(clip.joints[clip.parents[j]]) && below.add(other),
+      );
     for (const other of below) state.hidden[hide ? "add" : "delete"](other);
     this.changed();
   }
@@ -354,7 +378,6 @@ class Player {
     this.isPanelStale = false;
     keep(this.times.draw, performance.now() - start);
     this.times.frames++;
-    state.drawn = state.frame;
   }
 
   missing() {
@@ -364,7 +387,8 @@ class Player {
       const pose = clip.at(clip.frameAt(state.time));
       return pose.every(Number.isNaN);
     });
-    const named = state.clips.length > 1 ? ` of ${without.map((clip) => clip.name).join(", ")}` : "";
+    const named =
+      state.clips.length > 1 ? ` of ${without.map((clip) => clip.name).join(", ")}` : "";
     return without.length ? `nothing is known${named} at this frame` : "";
   }
 }

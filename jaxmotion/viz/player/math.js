@@ -27,6 +27,7 @@ function lookAt(eye, target, up) {
   const back = normalized(subtract(eye, target));
   const right = normalized(cross(up, back));
   const above = cross(back, right);
+  // prettier-ignore
   return Float64Array.of(
     right[0], above[0], back[0], 0,
     right[1], above[1], back[1], 0,
@@ -38,6 +39,7 @@ function lookAt(eye, target, up) {
 // `fov` is the angle from the bottom of the picture to its top, radians.
 function perspective(fov, aspect, near, far) {
   const f = 1 / Math.tan(fov / 2);
+  // prettier-ignore
   return Float64Array.of(
     f / aspect, 0, 0, 0,
     0, f, 0, 0,

@@ -24,7 +24,7 @@ function boneMesh(sides = 12) {
   return { vertices: new Float32Array(vertices), indices: patches(BONE_PROFILE.length, sides) };
 }
 
-function ballMesh(rings = 10, sides = 14) {
+function ballMesh(rings = 8, sides = 12) {
   const vertices = [];
   for (let r = 0; r <= rings; r++) {
     const polar = Math.PI * (r / rings - 0.5);

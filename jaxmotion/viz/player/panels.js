@@ -7,11 +7,13 @@ const ICONS = {
   last: "M16 5h2v14h-2zM5 5v14l10-7z",
   back: "M15.5 5v14L6 12z",
   next: "M8.5 5v14L18 12z",
-  loop: "M7 7h9.2l-1.6-1.6L16 4l4 4-4 4-1.4-1.4L16.2 9H8v3H6V8a1 1 0 0 1 1-1zM17 17H7.8l1.6 1.6L8 20l-4-4 4-4 1.4 1.4L7.8 15H16v-3h2v4a1 1 0 0 1-1 1z",
-  joints: "M4 5h3v3H4zM9 5.5h11v2H9zM7 10.500h3v3H7zM12 11h8v2h-8zM7 16h3v3H7zM12 16.500h8v2h-8z",
+  joints: "M4 5h3v3H4zM9 5.5h11v2H9zM7 10.5h3v3H7zM12 11h8v2h-8zM7 16h3v3H7zM12 16.5h8v2h-8z",
   fit: "M4 4h6v2H6v4H4zM14 4h6v6h-2V6h-4zM4 14h2v4h4v2H4zM18 14h2v6h-6v-2h4z",
   theme: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18zm0 2v14a7 7 0 0 1 0-14z",
-  help: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18zm-.2 13.200a1.200 1.200 0 1 1 0 2.400 1.200 1.200 0 0 1 0-2.400zM8.500 9.200a3.500 3.500 0 1 1 5 3.200c-.6.3-.8.600-.8 1.100v.7h-1.900v-.9c0-1.200.6-2 1.700-2.500a1.600 1.600 0 1 0-2.200-1.600z",
+  help:
+    "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18zm-.2 13.2a1.2 1.2 0 1 1 0 2.4 1.2 1.2 0 0 1 0-2.4z" +
+    "M8.5 9.2a3.5 3.5 0 1 1 5 3.2c-.6.3-.8.6-.8 1.1v.7h-1.9v-.9c0-1.2.6-2 1.7-2.5" +
+    "a1.6 1.6 0 1 0-2.2-1.6z",
 };
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
@@ -74,7 +76,11 @@ class Panels {
     this.frame = element("b");
     this.seconds = element("span");
     this.at("clock").append(this.frame, this.seconds);
-    this.speed = element("select", { title: "speed (, and .)", onchange: () => player.setSpeed(+this.speed.value) }, ...options);
+    this.speed = element(
+      "select",
+      { title: "speed (, and .)", onchange: () => player.setSpeed(+this.speed.value) },
+      ...options,
+    );
     this.speed.setAttribute("aria-label", "speed");
     const flag = (name, words, title) => this.button(name, title, () => player.flip(name), words);
     this.at("toggles").append(this.speed);
@@ -85,7 +91,9 @@ class Panels {
     if (state.clips.some((clip) => clip.errors))
       this.at("toggles").append(flag("marks", "Errors", "joints in error in colour (x)"));
     if (state.clips.length > 1)
-      this.at("toggles").append(flag("sideBySide", "Side by side", "beside, not over one another (s)"));
+      this.at("toggles").append(
+        flag("sideBySide", "Side by side", "beside, not over one another (s)"),
+      );
   }
 
   tools() {
@@ -109,7 +117,13 @@ class Panels {
     for (const clip of state.clips) {
       const swatch = element("i", { className: "swatch" });
       const name = element("b", { textContent: clip.name });
-      const chip = element("button", { type: "button", title: "show or hide" }, swatch, name, element("span", { textContent: aboutClip(clip) }));
+      const chip = element(
+        "button",
+        { type: "button", title: "show or hide" },
+        swatch,
+        name,
+        element("span", { textContent: aboutClip(clip) }),
+      );
       chip.onclick = () => player.showClip(clip, !clip.visible);
       clip.chip = chip;
       clip.swatch = swatch;
@@ -139,10 +153,19 @@ class Panels {
 
   jointRow(name, depth) {
     const { player } = this;
-    const eye = element("button", { type: "button", className: "eye", title: "hide or show it and what hangs from it (shift: it alone)" });
+    const eye = element("button", {
+      type: "button",
+      className: "eye",
+      title: "hide or show it and what hangs from it (shift: it alone)",
+    });
     eye.setAttribute("aria-label", `hide or show ${name}`);
     eye.onclick = (event) => player.flipHidden(name, event.shiftKey);
-    const label = element("button", { type: "button", className: "joint", textContent: name, title: name });
+    const label = element("button", {
+      type: "button",
+      className: "joint",
+      textContent: name,
+      title: name,
+    });
     label.onclick = (event) => player.pick(name, event.shiftKey || event.ctrlKey || event.metaKey);
     label.style.paddingLeft = `${4 + 9 * Math.min(depth, 12)}px`;
     const row = element("li", { onmouseenter: () => player.setHover(name) }, label, eye);
@@ -151,18 +174,29 @@ class Panels {
   }
 
   help() {
-    const close = element("button", { type: "button", className: "close", textContent: "Close", onclick: () => this.player.flip("help") });
+    const close = element("button", {
+      type: "button",
+      className: "close",
+      textContent: "Close",
+      onclick: () => this.player.flip("help"),
+    });
     const keys = KEY_HELP.flatMap(([key, words]) => [
       element("dt", {}, ...key.split(" ").map((k) => element("kbd", { textContent: k }))),
       element("dd", { textContent: words }),
     ]);
-    this.at("help").append(element("h2", { textContent: "Keys and pointer" }), element("dl", {}, ...keys), close);
+    this.at("help").append(
+      element("h2", { textContent: "Keys and pointer" }),
+      element("dl", {}, ...keys),
+      close,
+    );
   }
 
   curveList() {
     const { player } = this;
     const which = this.at("which");
-    player.curves.kinds.forEach((kind, k) => which.append(element("option", { value: k, textContent: kind.name })));
+    player.curves.kinds.forEach((kind, k) =>
+      which.append(element("option", { value: k, textContent: kind.name })),
+    );
     which.onchange = () => player.setCurve(player.curves.kinds[+which.value]);
   }
 
@@ -185,7 +219,9 @@ class Panels {
     for (const clip of state.clips) {
       if (!clip.chip) continue;
       clip.chip.setAttribute("aria-pressed", String(clip.visible));
-      clip.swatch.style.background = css(state.colours.clips[clip.index % state.colours.clips.length]);
+      clip.swatch.style.background = css(
+        state.colours.clips[clip.index % state.colours.clips.length],
+      );
     }
   }
 
@@ -208,7 +244,13 @@ class Panels {
     const items = shown.map((one, k) => {
       const swatch = element("i", { className: "swatch" });
       swatch.style.background = css(one.colour);
-      return element("li", {}, swatch, element("span", { textContent: one.label }), this.numbers[k]);
+      return element(
+        "li",
+        {},
+        swatch,
+        element("span", { textContent: one.label }),
+        this.numbers[k],
+      );
     });
     this.at("values").replaceChildren(...items);
   }
@@ -216,11 +258,18 @@ class Panels {
   // Names over the pictures that stand side by side.
   labels(views) {
     const shown = views.length > 1 ? views : [];
-    this.at("labels").replaceChildren(...shown.map(({ x, y, w, h, clips }) => {
-      const label = element("span", { textContent: clips[0].name });
-      Object.assign(label.style, { left: `${x}px`, top: `${y}px`, width: `${w}px`, height: `${h}px` });
-      return label;
-    }));
+    this.at("labels").replaceChildren(
+      ...shown.map(({ x, y, w, h, clips }) => {
+        const label = element("span", { textContent: clips[0].name });
+        Object.assign(label.style, {
+          left: `${x}px`,
+          top: `${y}px`,
+          width: `${w}px`,
+          height: `${h}px`,
+        });
+        return label;
+      }),
+    );
   }
 
   tip(name, x, y) {

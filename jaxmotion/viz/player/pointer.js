@@ -1,4 +1,5 @@
-// Mouse, pen and fingers: on the picture they turn, move, zoom and pick; on the timeline they scrub.
+// Mouse, pen and fingers: on the picture they turn, move, zoom and pick; on the timeline they
+// scrub.
 
 const NEAR = 16; // pixels from a joint
 const CLICK = 4; // pixels that a click may move

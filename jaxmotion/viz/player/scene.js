@@ -7,7 +7,8 @@ const GHOSTS = [-3, -2, -1, 1]; // steps of GHOST_STEP seconds
 const GHOST_STEP = 0.15;
 const PATH_SECONDS = 1.5; // before and after
 const PATH_POINTS = 60;
-const DEFAULT_PATHS = /^(.*[:_\s])?(hips?|pelvis|root|(left|right|l|r)[_.]?(hand|foot|wrist|ankle))$/i;
+const DEFAULT_PATHS =
+  /^(.*[:_\s])?(hips?|pelvis|root|(left|right|l|r)[_.]?(hand|foot|wrist|ankle))$/i;
 
 class Scene {
   constructor(state) {
@@ -105,13 +106,18 @@ class Scene {
   paths(clip, frame, list) {
     const { picked, colours } = this.state;
     let joints = clip.joints.map((_, j) => j).filter((j) => picked.has(clip.joints[j]));
-    if (!joints.length) joints = clip.joints.map((_, j) => j).filter((j) => DEFAULT_PATHS.test(clip.joints[j]));
+    if (!joints.length)
+      joints = clip.joints.map((_, j) => j).filter((j) => DEFAULT_PATHS.test(clip.joints[j]));
     if (!joints.length) joints = [0];
     const reach = Math.round(PATH_SECONDS / clip.frameTime);
     const step = Math.max(1, Math.round(reach / PATH_POINTS));
     const own = colours.clips[clip.index % colours.clips.length];
     for (const joint of joints)
-      for (let a = Math.max(0, frame - reach); a < Math.min(clip.frames - 1, frame + reach); a += step) {
+      for (
+        let a = Math.max(0, frame - reach);
+        a < Math.min(clip.frames - 1, frame + reach);
+        a += step
+      ) {
         const b = Math.min(a + step, clip.frames - 1);
         const [from, to] = [clip.place(a, joint), clip.place(b, joint)];
         if (Number.isNaN(from[0]) || Number.isNaN(to[0])) continue;
@@ -131,9 +137,19 @@ class Scene {
       const place = span.place;
       const radius = 0.028 * clip.size;
       const floor = [place[0], 0, place[2]];
-      lists.floor.push({ from: floor, to: floor, radius, colour: [...colours.contact, holds ? 0.85 : 0.28] });
+      lists.floor.push({
+        from: floor,
+        to: floor,
+        radius,
+        colour: [...colours.contact, holds ? 0.85 : 0.28],
+      });
       if (holds)
-        lists.clear.push({ from: place, to: place, radius: 0.55 * radius, colour: [...colours.contact, 0.55] });
+        lists.clear.push({
+          from: place,
+          to: place,
+          radius: 0.55 * radius,
+          colour: [...colours.contact, 0.55],
+        });
     }
   }
 }

@@ -117,7 +117,8 @@ class Timeline {
     c.textAlign = "right";
     c.textBaseline = "middle";
     c.fillStyle = text.faint;
-    if (this.left > 40) c.fillText(fitted(c, row.name, this.left - 14), this.left - 10, y + STRIP / 2);
+    if (this.left > 40)
+      c.fillText(fitted(c, row.name, this.left - 14), this.left - 10, y + STRIP / 2);
     c.fillStyle = text.strip;
     bar(c, this.x(-0.5), y, this.x(this.state.numFrames - 0.5) - this.x(-0.5), STRIP);
     for (const spans of row.spans(this.state)) {
@@ -141,12 +142,29 @@ function rowsOf(state) {
     const gaps = clip.missingSpans();
     const errors = clip.errorSpans();
     if (gaps.length)
-      rows.push({ name: `${own(state.clips.length > 1)}missing`, frame, clip, spans: (s) => [{ of: gaps, colour: s.colours.text.missing }] });
-    if (clip.errors) rows.push({ name: `${own(marked("errors"))}errors`, frame, clip, errors, spans: (s) => errorSpans(clip, errors, s) });
+      rows.push({
+        name: `${own(state.clips.length > 1)}missing`,
+        frame,
+        clip,
+        spans: (s) => [{ of: gaps, colour: s.colours.text.missing }],
+      });
+    if (clip.errors)
+      rows.push({
+        name: `${own(marked("errors"))}errors`,
+        frame,
+        clip,
+        errors,
+        spans: (s) => errorSpans(clip, errors, s),
+      });
     for (const [k, name] of (clip.contacts?.names || []).entries()) {
       const of = clip.contactSpans.filter((s) => s.point === k).map((s) => [s.first, s.last + 1]);
       if (of.length && rows.length < 12)
-        rows.push({ name: own(marked("contacts")) + name, frame, clip, spans: (s) => [{ of, colour: css(s.colours.contact, 0.8) }] });
+        rows.push({
+          name: own(marked("contacts")) + name,
+          frame,
+          clip,
+          spans: (s) => [{ of, colour: css(s.colours.contact, 0.8) }],
+        });
     }
   }
   return rows;
@@ -154,7 +172,9 @@ function rowsOf(state) {
 
 // All errors, and over them those of the picked joints.
 function errorSpans(clip, errors, state) {
-  const joints = [...state.picked].map((name) => clip.number.get(name)).filter((j) => j !== undefined);
+  const joints = [...state.picked]
+    .map((name) => clip.number.get(name))
+    .filter((j) => j !== undefined);
   if (!joints.length) return [{ of: errors, colour: css(state.colours.error, 0.9) }];
   return [
     { of: errors, colour: css(state.colours.error, 0.3) },

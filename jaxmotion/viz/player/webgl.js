@@ -19,7 +19,8 @@ void main() {
   vec3 axis = end - origin;
   float size = length(axis);
   vec3 y = size > 0.0 ? axis / size : vec3(0.0, 1.0, 0.0);
-  vec3 x = normalize(abs(y.y) < 0.9 ? cross(y, vec3(0.0, 1.0, 0.0)) : cross(y, vec3(1.0, 0.0, 0.0)));
+  vec3 other = abs(y.y) < 0.9 ? vec3(0.0, 1.0, 0.0) : vec3(1.0, 0.0, 0.0);
+  vec3 x = normalize(cross(y, other));
   vec3 z = cross(x, y);
   world = mix(origin, end, shape.w) + radius * (shape.x * x + shape.y * y + shape.z * z);
   outward = normal.x * x + normal.y * y + normal.z * z;
@@ -129,14 +130,19 @@ class WebGLPicture {
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, indices, gl.STATIC_DRAW);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.instances);
-    [[2, 3, 0], [3, 3, 12], [4, 1, 24], [5, 4, 28]].forEach(([place, size, offset]) => {
+    [
+      [2, 3, 0],
+      [3, 3, 12],
+      [4, 1, 24],
+      [5, 4, 28],
+    ].forEach(([place, size, offset]) => {
       attribute(gl, place, size, 4 * FLOATS, offset);
       gl.vertexAttribDivisor(place, 1);
     });
     return { array, count: indices.length };
   }
 
-  // `views`: {x, y, w, h, camera, lists: [of Scene.build]}; `look`: colours, the light, cell, reach.
+  // `views`: {x, y, w, h, camera, lists: [of Scene.build]}; `look`: colours, light, cell, reach.
   draw(views, look, scale) {
     const { gl } = this;
     gl.viewport(0, 0, this.canvas.width, this.canvas.height);
@@ -212,14 +218,18 @@ class WebGLPicture {
 
   instanced(shapes) {
     const isBall = (shape) => shape.from === shape.to;
-    this.drawMesh(this.bone, shapes.filter((shape) => !isBall(shape)));
+    this.drawMesh(
+      this.bone,
+      shapes.filter((shape) => !isBall(shape)),
+    );
     this.drawMesh(this.ball, shapes.filter(isBall));
   }
 
   drawMesh(mesh, shapes) {
     if (!shapes.length) return;
     const { gl } = this;
-    if (this.data.length < FLOATS * shapes.length) this.data = new Float32Array(2 * FLOATS * shapes.length);
+    if (this.data.length < FLOATS * shapes.length)
+      this.data = new Float32Array(2 * FLOATS * shapes.length);
     let k = 0;
     for (const { from, to, radius, colour } of shapes) {
       this.data.set(from, k);
@@ -247,7 +257,10 @@ function attribute(gl, place, size, stride, offset) {
 
 function program(gl, vertex, fragment) {
   const made = gl.createProgram();
-  for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+  for (const [kind, source] of [
+    [gl.VERTEX_SHADER, vertex],
+    [gl.FRAGMENT_SHADER, fragment],
+  ]) {
     const shader = gl.createShader(kind);
     gl.shaderSource(shader, source);
     gl.compileShader(shader);
