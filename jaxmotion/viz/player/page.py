@@ -109,7 +109,7 @@ def player(
         >>> noisy = jm.samples.add_noise(jm.samples.load("walk").motion, jax.random.key(0)).motion
         >>> page = jm.viz.player({"before": noisy, "after": jm.denoise(noisy)}, title="walk")
         >>> page
-        Player(before, after, 240 frames, 0.24 MB)
+        Player(before, after, 240 frames, 0... MB)
         >>> page.save("walk.html")  # doctest: +SKIP
     """
     given = read(motion, contacts, errors, curves, theme)
