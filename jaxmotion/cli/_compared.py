@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from jaxmotion import Motion
 
 
+_PICKED = 3
+
+
 @dataclass(frozen=True)
 class Compared:
     """Clips of which the first is the input, the last the result. ``jerk``: of both, the mean over
@@ -22,17 +25,42 @@ class Compared:
     page: str
 
 
-def compared(clips: "Mapping[str, Motion]", report: Path | None, **marks: Any) -> Compared | None:
-    """Clips by name, for a report, if there is one; ``marks``: as :func:`jaxmotion.viz.player`."""
+def compared(
+    clips: "Mapping[str, Motion]", report: Path | None, title: str, **marks: Any
+) -> Compared | None:
+    """Clips by name, for a report, if there is one; ``title``: of their page; ``marks``: as
+    :func:`jaxmotion.viz.player`."""
     if report is None:
         return None
-    every = list(clips.values())
+    first, *_, last = [*clips.values()] * 2
     page = ""
     if is_page(report):
         from jaxmotion.viz import player
 
-        page = player(clips, **marks).html
-    return Compared((_jerk(every[0]), _jerk(every[-1])), page)
+        page = player(clips, title=title, **differing(first, last), **marks).html
+    return Compared((_jerk(first), _jerk(last)), page)
+
+
+def differing(first: "Motion", last: "Motion") -> dict[str, Any]:
+    """For a player curves of how joints of two clips differ, and the joints that differ most; none
+    of clips of other joints or frames, or that look the same."""
+    import numpy as np
+
+    from jaxmotion import metrics
+
+    names = first.skeleton.names
+    if first.rotations.shape != last.rotations.shape or names != last.skeleton.names:
+        return {}
+    if not metrics.difference(first, last).frames_changed:
+        return {}
+    degrees = np.degrees(metrics.turn(first.rotations, last.rotations))
+    places = (metrics.world_positions(x)[:, : len(names)] for x in (first, last))
+    curves = {
+        "turned, °": degrees,
+        "moved, length units": np.linalg.norm(np.subtract(*places), axis=-1),
+    }
+    most = np.argsort(-degrees.max(axis=0), kind="stable")[:_PICKED]
+    return {"curves": curves, "picked": [names[j] for j in most if degrees[:, j].any()]}
 
 
 def is_page(report: Path | None) -> bool:

@@ -117,7 +117,7 @@ def _effect(joined: Joined, clips: "dict[str, Motion]", report: Path | None) -> 
         change = difference(joined.original, joined.motion, world=True)
     read = tuple(map(Clip.of, clips.values()))
     made = Clip.of(joined.motion)
-    beside = compared(clips | {"result": joined.motion}, report)
+    beside = compared(clips | {"result": joined.motion}, report, next(iter(clips)))
     return Effect(read, made, joined.message, change, joined.skate, joined.learned, compared=beside)
 
 

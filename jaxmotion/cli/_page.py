@@ -61,7 +61,8 @@ tr.failed td { color: #c62a3a; }
 tr.skipped td, tr.not-tried td { color: #888; }
 small { color: #888; display: block; }
 th button { font: inherit; text-align: inherit; background: none; border: 0; padding: 0; }
-th button { color: inherit; cursor: pointer; }
+th button { color: inherit; cursor: inherit; }
+thead th { cursor: pointer; }
 thead th[aria-sort=descending] button::after { content: " \\25be"; }
 thead th[aria-sort=ascending] button::after { content: " \\25b4"; }
 details { margin: .6em 0; }
@@ -76,7 +77,7 @@ PLAYER = 640  # pixels of height
 _SCRIPT = """
 for (const table of document.querySelectorAll("table")) {
   const heads = [...table.querySelectorAll("thead th")];
-  heads.forEach((head, column) => head.firstElementChild.addEventListener("click", () => {
+  heads.forEach((head, column) => head.addEventListener("click", () => {
     const down = head.getAttribute("aria-sort") !== "descending";
     heads.forEach(other => other.removeAttribute("aria-sort"));
     head.setAttribute("aria-sort", down ? "descending" : "ascending");
@@ -136,13 +137,20 @@ def document(title: str, parts: Sequence[str]) -> str:
 
 
 def table_of(
-    title: str, rows: Sequence[dict[str, Any]], headings: Sequence[str] | None = None
+    title: str,
+    rows: Sequence[dict[str, Any]],
+    headings: Sequence[str] | None = None,
+    *,
+    folded: bool = False,
 ) -> str:
     """Rows of the same keys under a heading; ``headings`` of columns, by default the keys."""
     if not rows:
         return ""
     body = "\n".join(f"<tr>{''.join(map(_cell, row.values()))}</tr>" for row in rows)
-    return f"<h4>{as_text(title)}</h4>{_table(headings or list(rows[0]), body)}"
+    table, head = _table(headings or list(rows[0]), body), as_text(title)
+    if folded:
+        return f"<details><summary>{head}</summary>{table}</details>"
+    return f"<h4>{head}</h4>{table}"
 
 
 def listed(lines: Sequence[str]) -> str:

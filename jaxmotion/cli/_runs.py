@@ -63,7 +63,7 @@ def largest(rows: Sequence[Row]) -> str:
     if not rows:
         return ""
     row = max(rows, key=lambda row: row["change"])
-    return f"largest: {_joints(row)} {_frames(row)} by {row['change']:.3g}°"
+    return f"largest, in {_frames(row)}: {_joints(row)} by {row['change']:.3g}°"
 
 
 def listed(rows: Sequence[Row]) -> list[str]:
@@ -85,5 +85,5 @@ def _frames(row: Row) -> str:
 
 def _joints(row: Row) -> str:
     names = [printable(name) for name in row["joints"]]
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+    more = f" and {len(names) - _NAMED} more joints" if len(names) > _NAMED else ""
     return f"{', '.join(names[:_NAMED])}{more}"

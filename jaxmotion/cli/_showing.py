@@ -1,6 +1,8 @@
 """Pages that are shown: where they go, and the browser they are opened in."""
 
 import functools
+import os
+import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -43,8 +45,14 @@ class Showing:
         with atomic_write(out, overwrite=self.overwrite or self.out is None) as file:
             file.write(page.encode())
         say(f"{printable(out)}: {out.stat().st_size / 1e6:.2g} MB", err=True)
-        if self.opens and click.launch(out.resolve().as_uri()):
-            say("no browser could be opened; open the file in one.", err=True)
+        if self.opens and (not _has_screen() or click.launch(out.resolve().as_uri())):
+            say("no browser could be opened: open the file in one.", err=True)
+
+
+def _has_screen() -> bool:
+    """Whether a browser can be shown, as far as the system tells."""
+    named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
+    return named or not sys.platform.startswith("linux") or "WSL_DISTRO_NAME" in os.environ
 
 
 def showing_options(function: Callable) -> Callable:

@@ -163,7 +163,8 @@ def edit_file(editing: Editing, job: Job) -> Effect:
     write(result, job.target, overwrite=editing.overwrite, up=editing.out_up)
     learned = edit.learned() if measured else {}
     feet = unpadded_contacts(contacts, length)
-    beside = compared({"before": motion, "after": result}, editing.report, contacts=feet)
+    clips, title = {"before": motion, "after": result}, job.source.name
+    beside = compared(clips, editing.report, title, contacts=feet)
     made = Clip.of(result)
     return Effect((Clip.of(motion),), made, "", change, skate, learned, edit.note, (), beside)
 

@@ -134,7 +134,7 @@ def _augment(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
     message = f"{wanted.count} variations{f'; {refused}' if refused else ''}"
     names = [Path(name).stem for name in _names(wanted.count)]
     clips = dict(zip(["before", *names[:_SHOWN]], [motion, *found], strict=False))
-    beside = compared(clips, batch.report)
+    beside = compared(clips, batch.report, job.source.name)
     made = Clip.of(found[0])
     return Effect((Clip.of(motion),), made, message, learned=learned, compared=beside)
 

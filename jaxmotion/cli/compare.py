@@ -1,5 +1,6 @@
 """``jaxmotion compare``: how two clips differ, by joint and by frame, and both in a player."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,6 +45,14 @@ class Pair:
     angle: "np.ndarray"
     distance: "np.ndarray"
     notes: list[str]
+
+    @property
+    def seen(self) -> bool:
+        """Whether one sees that they differ."""
+        from jaxmotion.metrics.measures import VISIBLE_SHIFT, VISIBLE_TURN, figure_size
+
+        far = VISIBLE_SHIFT * figure_size(self.first)
+        return bool(self.angle.max() > VISIBLE_TURN or self.distance.max() > far)
 
 
 @click.command(short_help="How two clips differ; both in a player.")
@@ -171,8 +180,14 @@ def rows_of_frames(pair: Pair) -> list[dict[str, Any]]:
 
 
 def _as_text(pair: Pair, rows: list[dict[str, Any]]) -> list[str]:
-    frames, same = pair.first.num_frames, (pair.angle == 0).all() and (pair.distance == 0).all()
-    lines = [f"{frames} frames, {len(pair.joints)} joints{': all the same' * bool(same)}"]
+    angle, distance = math.degrees(pair.angle.max()), float(pair.distance.max())
+    same = not pair.seen
+    words = ""
+    if same and (angle or distance):
+        words = f": the same, to {angle:.2g}° and {distance:.2g} length units"
+    elif same:
+        words = ": all the same"
+    lines = [f"{pair.first.num_frames} frames, {len(pair.joints)} joints{words}"]
     lines += [f"  {note}" for note in pair.notes]
     if same:
         return lines
@@ -213,19 +228,19 @@ def _page(
     at = [pair.first.skeleton.index(name) for name in pair.joints]
     curves = {}
     for title_of, values in (
-        ("difference, degrees", np.degrees(pair.angle)),
-        ("distance", pair.distance),
+        ("turned, °", np.degrees(pair.angle)),
+        ("moved, length units", pair.distance),
     ):
         every = np.zeros((pair.first.num_frames, pair.first.num_joints))
         every[:, at] = values
         curves[title_of] = every
     clips = dict(zip(names, (pair.first, pair.second), strict=True))
-    most = [row["joint"] for row in by_joint[:_PICKED] if row["degrees_most"] > 0]
-    page = player(clips, curves=curves, picked=most)
+    most = [row["joint"] for row in by_joint[:_PICKED] if pair.seen]
+    page = player(clips, curves=curves, picked=most, title=title)
     parts = [
         framed(page.html, PLAYER),
         listed(pair.notes),
         table_of("By joint", by_joint, _OF_JOINTS),
-        table_of("By frame", by_frame, _OF_FRAMES),
+        table_of("By frame", by_frame, _OF_FRAMES, folded=True),
     ]
     return document(title, parts)

@@ -98,3 +98,5 @@ def _print_table(clips: "dict[str, Motion]", paths: dict[str, Path]) -> None:
     )
     for path in paths.values():
         console.print(f"  {printable(path)}", soft_wrap=True)
+    both = " ".join(printable(paths[name]) for name in ("noisy", "denoised"))
+    console.print(f"See it: jaxmotion compare {both}", soft_wrap=True)

@@ -68,7 +68,7 @@ def _decompose(batch: Batch, scope: str, job: Job) -> "Effect":
     message = _write_displacements(layers, length, job, overwrite)
     learned = of_base(layers) if batch.report is not None else {}
     clips = {"before": motion, "base": smooth, "denoised": denoised}
-    beside = compared(clips, batch.report)
+    beside = compared(clips, batch.report, job.source.name)
     made = Clip.of(denoised)
     return Effect((Clip.of(motion),), made, message, learned=learned, compared=beside)
 

@@ -120,11 +120,14 @@ def _repair(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
     change = metrics.difference(motion, result, world=batch.report is not None)
     share = float(found.mask.mean())
     message = _runs.counted(rows, share, "repaired") if rows else "nothing found"
+    if rows and found.errors is not None:
+        message += f" ({100 * float((found.errors.mask & free).mean()):.2g} % were found in error)"
     note = "; ".join(filter(None, (_runs.largest(rows), str(around))))
     learned, drawings = _for_report(batch, around, rows), ()
     if is_page(batch.report):
         drawings = _pictures.of_repair(found)
-    beside = compared({"before": motion, "after": result}, batch.report, errors=found.mask)
+    both, title = {"before": motion, "after": result}, job.source.name
+    beside = compared(both, batch.report, title, errors=found.mask)
     clips = (Clip.of(motion),), Clip.of(result)
     return Effect(*clips, message, change, skate, learned, note, drawings, beside)
 
@@ -148,7 +151,7 @@ def _look(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
         learned=_for_report(batch, around, rows),
         note="\n".join(filter(None, (*_runs.listed(rows), f"  {around}" * bool(str(around))))),
         drawings=drawings,
-        compared=compared({job.source.stem: motion}, batch.report, errors=found),
+        compared=compared({job.source.stem: motion}, batch.report, job.source.name, errors=found),
     )
 
 

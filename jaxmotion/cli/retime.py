@@ -149,7 +149,7 @@ def _retime(batch: Batch, timing: Timing, keep: bool | None, job: Job) -> "Effec
     after, skate = with_timed_feet(before, retimed, source_frames, keep)
     write(finite(after), job.target, overwrite=batch.overwrite, up=batch.out_up)
     message = f"{_length(before)} to {_length(after)}"
-    beside = compared({"before": before, "after": after}, batch.report)
+    beside = compared({"before": before, "after": after}, batch.report, job.source.name)
     return Effect((Clip.of(before),), Clip.of(after), message, skate=skate, compared=beside)
 
 

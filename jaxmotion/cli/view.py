@@ -55,7 +55,8 @@ def command(
     from jaxmotion.viz import player
 
     marks = {name: _feet(clip) for name, clip in clips.items()} if contacts else None
-    showing.show(player(clips, contacts=marks).html, found[0].path.stem)
+    page = player(clips, contacts=marks, title=", ".join(clips))
+    showing.show(page.html, found[0].path.stem)
     raise click.exceptions.Exit(1 if len(found) < len(inputs) else 0)
 
 

@@ -30,8 +30,8 @@ _BLOCK = 512  # frames at a time for world positions: one compiled function for 
 _EXACT = 1e-8  # radians, and share of the figure's size: less is rounding
 # What one sees: a turn of 0.05° at the hips moves the feet by a thousandth of the figure, some
 # millimetre of a person.
-_VISIBLE_TURN = np.radians(0.05)
-_VISIBLE_SHIFT = 1e-3  # of the figure's size
+VISIBLE_TURN = np.radians(0.05)
+VISIBLE_SHIFT = 1e-3  # of the figure's size
 
 
 @dataclass(frozen=True)
@@ -260,8 +260,8 @@ def difference(before: Motion, after: Motion, *, world: bool = False) -> Differe
     angle = turn(before.rotations, after.rotations)
     moved = np.asarray(after.translations, np.float64) - np.asarray(before.translations, np.float64)
     shift = np.linalg.norm(moved, axis=-1)
-    visible = _VISIBLE_SHIFT * figure_size(before.skeleton)
-    changed = (angle > _VISIBLE_TURN).any(axis=1) | (shift > visible).any(axis=1)
+    visible = VISIBLE_SHIFT * figure_size(before.skeleton)
+    changed = (angle > VISIBLE_TURN).any(axis=1) | (shift > visible).any(axis=1)
     distance = None
     if world:
         apart = np.linalg.norm(world_positions(after) - world_positions(before), axis=-1)

@@ -1,8 +1,14 @@
 """A Matplotlib figure that a notebook shows, without pyplot and whatever else it has imported."""
 
 from io import BytesIO
+from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
+from jaxmotion._lazy import extra
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+else:
+    Figure = extra("matplotlib.figure", "viz", "drawing", package="matplotlib").Figure
 
 
 class Picture(Figure):

@@ -8,6 +8,7 @@ import numpy as np
 from jaxmotion._checks import counted, one_of
 from jaxmotion.kinematics import facing_direction, forward_kinematics, mirrored_pairs
 from jaxmotion.motion import Motion
+from jaxmotion.viz.body import body_of
 from jaxmotion.viz.colours import BLUE, GREY, ORANGE, SERIES
 from jaxmotion.viz.given import named_clips, unit_of
 
@@ -26,7 +27,8 @@ def plot_poses(
 ) -> "Figure":
     """Draw poses side by side, evenly spaced in time: a strip.
 
-    Each pose is drawn above the place on the ground where its root is, in parallel projection, by
+    Each pose is drawn above the place on the ground where its root is (the hips, where a root stays
+    and they go), in parallel projection, by
     the way the body faces on average (:func:`jaxmotion.facing_direction`; where left and right have
     no names, by the way the root goes, or the first ground axis). One clip has its left limbs blue
     and its right ones orange; several are drawn over each other, each in its colour.
@@ -122,13 +124,17 @@ def _bones(motion: Motion, frames: np.ndarray, directions: np.ndarray) -> np.nda
     pose = forward_kinematics(motion)
     joints, ends = (np.asarray(x, np.float64)[frames] for x in (pose.positions, pose.end_positions))
     skeleton, up = motion.skeleton, directions[1]
-    place = joints[:, :1] * (1 - up)
+    parents = [*skeleton.parents, *skeleton.end_joints]
+    body = body_of(np.concatenate([pose.positions, pose.end_positions], axis=1), parents)
+    place = joints[:, body.first, None] * (1 - up)
     joints, ends = (joints - place) @ directions.T, (ends - place) @ directions.T
-    parents = np.array([*skeleton.parents[1:], *skeleton.end_joints], int)
-    tips = np.concatenate([joints[:, 1:], ends], axis=1)
-    if not len(parents):  # a single joint is a point
+    if len(parents) == 1:  # a single joint is a point
         return np.stack([joints, joints], axis=2)
-    return np.stack([joints[:, parents], tips], axis=2)
+    points = np.concatenate([joints, ends], axis=1)
+    tips = np.arange(1, len(parents))
+    # Of what is not to be seen a bone of no length.
+    starts = np.where(body.drawn(parents)[1:], np.array(parents)[1:], tips)
+    return np.stack([points[:, starts], points[:, tips]], axis=2)
 
 
 def _colours(clips: dict[str, Motion]) -> list:

@@ -9,6 +9,7 @@ from jaxmotion._plain import printable
 from jaxmotion._posture import axes_of
 from jaxmotion.kinematics import facing_direction, forward_kinematics, mirrored_pairs
 from jaxmotion.motion import Motion
+from jaxmotion.viz.body import body_of
 from jaxmotion.viz.colours import SERIES
 from jaxmotion.viz.given import joint_numbers, named_clips, unit_of
 
@@ -24,9 +25,10 @@ def plot_trajectories(
 ) -> "Figure":
     """Draw the paths of joints over the ground, from above.
 
-    A ring is where a path begins. The root has an arrow each second, which way the body faces,
-    where left and right have names. Both axes have the file's unit and one scale; seen from above,
-    the second is a quarter turn to the left of the first, so that turns to the left look so.
+    A ring is where a path begins. The root (the hips, where a root stays and they go) has an arrow
+    each second, which way the body faces, where left and right have names. Both axes have the
+    file's unit and one scale; seen from above, the second is a quarter turn to the left of the
+    first, so that turns to the left look so.
 
     **Arguments:** ``motions``: one clip, or clips by name, with one axis up; ``joints``: numbers or
     names, by default the root.
@@ -55,13 +57,14 @@ def plot_trajectories(
     ahead, aside = (int(np.argmax(axis)) for axis in axes_of(first)[:2])
     paths = {}
     for name, clip in clips.items():
-        chosen = joint_numbers("plot_trajectories", clip.skeleton, joints, [0])
         where = np.asarray(forward_kinematics(clip).positions, np.float64)
-        paths[name] = chosen, where[:, :, [ahead, aside]]
+        root = body_of(where, clip.skeleton.parents).first
+        chosen = joint_numbers("plot_trajectories", clip.skeleton, joints, [root])
+        paths[name] = chosen, where[:, :, [ahead, aside]], root
     figure = Picture(figsize=_size(paths), layout="constrained")
     axes = figure.add_subplot()
     many = 0
-    for number, (name, (chosen, where)) in enumerate(paths.items()):
+    for number, (name, (chosen, where, root)) in enumerate(paths.items()):
         clip = clips[name]
         for k, joint in enumerate(chosen):
             colour = SERIES[(number if len(clips) > 1 else k) % len(SERIES)]
@@ -72,7 +75,7 @@ def plot_trajectories(
             axes.plot(*path.T, color=colour, ls=style, lw=1.8, label=label.replace("$", r"\$"))
             axes.plot(*path[:1].T, "o", color=colour, ms=8, mfc="white", mew=1.8)
             many += 1
-            if joint == 0:
+            if joint == root:
                 _arrows(axes, clip, path, (ahead, aside), colour)
     unit = unit_of(first.skeleton)
     axes.set_xlabel(f"{'xyz'[ahead]}, {unit}")
@@ -85,9 +88,9 @@ def plot_trajectories(
     return figure
 
 
-def _size(paths: dict[str, tuple[list[int], np.ndarray]]) -> tuple[float, float]:
+def _size(paths: dict[str, tuple[list[int], np.ndarray, int]]) -> tuple[float, float]:
     """Inches for what is drawn, at most three times as wide as it is high and the other way."""
-    drawn = np.concatenate([where[:, chosen].reshape(-1, 2) for chosen, where in paths.values()])
+    drawn = np.concatenate([where[:, chosen].reshape(-1, 2) for chosen, where, _ in paths.values()])
     extent = np.ptp(drawn, axis=0)
     extent = np.maximum(extent, max(extent.max(), 1e-9) / 3)
     wide, high = _LARGEST * extent / extent.max()

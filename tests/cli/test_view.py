@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import re
+import sys
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
@@ -25,6 +27,7 @@ def opened(monkeypatch):
         return 0
 
     monkeypatch.setattr(click, "launch", launch)
+    monkeypatch.setenv("DISPLAY", ":0")
     return asked
 
 
@@ -48,7 +51,7 @@ def test_view(jaxmotion, take, opened):
     assert page.stem == "take"
     assert str(page) in told
     text = page.read_text("utf-8")
-    assert text == jm.viz.player({"take": jm.load(take)}).html
+    assert text == jm.viz.player({"take": jm.load(take)}, title="take").html
 
 
 def test_view_writes_where_it_is_told(jaxmotion, take, opened, tmp_path):
@@ -72,7 +75,7 @@ def test_view_of_several(jaxmotion, take, opened, tmp_path):
     assert "FAILED" in told
     text = opened[0].read_text("utf-8")
     clips = {str(path): jm.load(path) for path in (take, other)}
-    assert text == jm.viz.player(clips).html
+    assert text == jm.viz.player(clips, title=", ".join(clips)).html
     assert jaxmotion("view", broken, code=1).exit_code == 1
     assert len(opened) == 1
     many = tmp_path / "many"
@@ -84,6 +87,13 @@ def test_view_of_several(jaxmotion, take, opened, tmp_path):
 
 def test_without_a_browser_it_says_so(jaxmotion, take, monkeypatch):
     monkeypatch.setattr(click, "launch", lambda *_, **__: 1)
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert "no browser could be opened" in jaxmotion("view", take).stderr
+    monkeypatch.undo()  # nor is one asked for where there is no screen
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER", "WSL_DISTRO_NAME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(click, "launch", None)
     assert "no browser could be opened" in jaxmotion("view", take).stderr
 
 
@@ -129,6 +139,9 @@ def test_compare(jaxmotion, take, opened, tmp_path):
 def test_compare_in_words(jaxmotion, take, opened, tmp_path):
     said = jaxmotion("compare", take, take, "--no-open").stdout
     assert said.splitlines() == ["40 frames, 4 joints: all the same"]
+    jm.save(turned(jm.load(take), 1, [20], 0.01), tmp_path / "near.npz")
+    said = jaxmotion("compare", take, tmp_path / "near.npz", "--no-open").stdout
+    assert re.fullmatch(r"40 frames, 4 joints: the same, to 0.01° and \S+ length units\n", said)
     jm.save(turned(jm.load(take), 1, [20], 10), tmp_path / "other.bvh")
     said = jaxmotion("compare", take, tmp_path / "other.bvh", "--no-open", "--frames").stdout
     lines = said.splitlines()

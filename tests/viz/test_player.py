@@ -21,6 +21,7 @@ from jaxmotion.contacts import ContactPoints, Contacts
 from jaxmotion.viz import player
 from jaxmotion.viz.player.page import SCRIPTS
 from tests.helpers import no_shape_checks, random_motion
+from tests.viz.test_body import standing_root
 
 HOSTILE = [
     "</script><script>window.caught = 1</script>",
@@ -131,27 +132,18 @@ def test_far_from_the_origin_nothing_is_lost():
 
 
 def test_a_root_that_stays_is_no_part_of_the_figure():
-    """Its hips go, as in Bandai Namco's files: the page follows the middle."""
-    walked = walk()
-    skeleton = walked.skeleton
-    stays = jm.Skeleton(
-        ("World", *skeleton.names),
-        (-1, *(parent + 1 for parent in skeleton.parents)),
-        np.concatenate([np.zeros((1, 3)), skeleton.offsets]),
-    )
-    still = np.tile([1.0, 0, 0, 0], (walked.num_frames, 1, 1))
-    motion = jm.Motion(
-        stays,
-        np.concatenate([0 * np.asarray(walked.translations[:, :1]), walked.translations], axis=1),
-        np.concatenate([still, walked.rotations], axis=1),
-        walked.frame_time,
-    )
+    """Its hips go, as in Bandai Namco's files: the page follows the middle of the body."""
+    walked, motion = standing_root()
     (clip,) = content(player(motion))["clips"]
+    (plain,) = content(player(walked))["clips"]
     middle = numbers(clip["middle"], "<f4", walked.num_frames, 3)
     hips = np.asarray(walked.translations)[:, 0]
     gone = middle[-1] - middle[0]
     np.testing.assert_allclose(gone, hips[-1] - hips[0], atol=0.15)
     assert np.linalg.norm(gone) > 0.7
+    assert (clip["apart"], clip["loose"]) == ([0], [1])
+    assert (plain["apart"], plain["loose"]) == ([], [])
+    assert math.isclose(clip["size"], plain["size"], rel_tol=1e-6)
 
 
 def test_joints_that_are_picked_at_first():

@@ -16,6 +16,7 @@ import jaxmotion as jm
 from jaxmotion.contacts import ContactPoints, Contacts
 from jaxmotion.viz import player
 from tests.helpers import random_motion
+from tests.viz.test_body import standing_root
 from tests.viz.test_player import HOSTILE, content, named, oracle, upright, walk
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="no selenium: pip install selenium")
@@ -213,6 +214,12 @@ PAGES = {
     "hostile": lambda: player(
         {HOSTILE[1]: named(random_motion(np.random.default_rng(0), 5, 6), HOSTILE)},
         title=HOSTILE[0],
+    ),
+    "same": lambda: player({"before": clip(), "after": clip()}),
+    "rooted": lambda: player(standing_root(30)[1]),
+    "differing": lambda: player(
+        {"before": clip(), "after": clip()},
+        curves={"turned, °": np.arange(60.0)},
     ),
     "z up": lambda: player(jm.reorient(clip(), "z")),
     "large": lambda: player(random_motion(np.random.default_rng(0), 2526, 65)),
@@ -666,3 +673,31 @@ def test_a_large_clip_opens_and_plays(browser, renderer):
         look();""")
     print(f"\n{renderer}, 2526 × 65: open and playing after {seconds:.2f} s")
     assert seconds < 5
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_where_clips_are_the_same_the_last_is_seen(browser, renderer):
+    """Whole, not in patches of both colours."""
+    browser.open("same", f"paused&{renderer}")
+    pixels = browser.pixels()[: int(browser.box("#stage")[3])]
+    red, _, blue = np.moveaxis(pixels, -1, 0)
+    x, y, w, h = (int(v) for v in browser.box("#stage"))
+    inside = np.zeros(red.shape, bool)
+    inside[y + 90 : y + h, x : x + w] = True  # below the names, which have both colours
+    assert (inside & (blue - red > 60)).sum() > 200
+    assert (inside & (red - blue > 60)).sum() < 20
+
+
+def test_a_root_that_stays_does_not_make_the_figure_small(browser):
+    """No more than half of the stage's height is left, and no line leads to the root."""
+    browser.open("rooted")
+    _, _, _, high = browser.box("#stage")
+    head, foot = (browser.get("p.project(arguments[0])", name) for name in ("Head", "LeftToeBase"))
+    assert abs(head[1] - foot[1]) > 0.4 * high
+
+
+def test_curves_of_a_pair_are_of_no_clip(browser):
+    browser.open("differing")
+    said = browser.get("document.body.innerText")
+    assert "turned, °" in said
+    assert "before, turned" not in said

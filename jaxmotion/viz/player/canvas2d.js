@@ -32,10 +32,14 @@ class CanvasPicture {
       this.drawShadow(all("solid"), seen, focal, look);
     }
     for (const shape of all("floor")) this.drawDisc(shape, seen, focal, camera);
-    const shapes = [...all("solid"), ...all("clear")]
-      .map((shape) => ({ shape, a: seen(shape.from), b: seen(shape.to) }))
+    // Where clips are the same the last is seen, whole: it counts as a little nearer.
+    const nearer = (k) => 0.002 * k * camera.size;
+    const shapes = view.lists
+      .flatMap(({ solid, clear }, k) => [...solid, ...clear].map((shape) => [shape, nearer(k)]))
+      .map(([shape, near]) => ({ shape, near, a: seen(shape.from), b: seen(shape.to) }))
       .filter(({ a, b }) => a && b && Math.min(a[2], b[2]) > camera.near)
-      .sort((one, other) => other.a[2] + other.b[2] - one.a[2] - one.b[2]);
+      .map((one) => ({ ...one, depth: one.a[2] + one.b[2] - one.near }))
+      .sort((one, other) => other.depth - one.depth);
     for (const { shape, a, b } of shapes)
       if (shape.from === shape.to) this.drawBall(shape, a, focal);
       else this.drawBone(shape, a, b, focal);

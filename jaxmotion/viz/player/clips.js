@@ -20,6 +20,7 @@ class Clip {
     this.joints = given.joints;
     this.parents = given.parents;
     this.loose = new Set(given.loose); // points that no bone of one length holds
+    this.apart = new Set(given.apart); // those that are none of the figure, as a root that stays
     this.numPoints = given.parents.length;
     this.numJoints = given.joints.length;
     this.middle = numbersOf(given.middle, Float32Array);
@@ -179,7 +180,9 @@ function curveKinds(content, clips) {
   for (const given of content.curves) {
     let kind = kinds.find((k) => k.name === given.name && k.isGiven);
     if (!kind) {
-      kind = { name: given.name, unit: "", perJoint: given.perJoint, of: new Map(), isGiven: true };
+      const unit = given.name.endsWith("°") ? "°" : "";
+      kind = { name: given.name, unit, perJoint: given.perJoint, of: new Map(), isGiven: true };
+      kind.isMarks = given.name === "digression"; // of its clip alone
       kind.read = (clip, frame, joint) => {
         const own = kind.of.get(clip);
         if (!own) return NaN;

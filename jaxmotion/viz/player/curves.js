@@ -28,18 +28,25 @@ class Curves {
   series() {
     const { state, kind } = this;
     const found = [];
-    const clips = state.clips.filter((clip) => clip.visible && (!kind.of || kind.of.has(clip)));
+    const isShared = this.isShared(kind);
+    const clips = state.clips.filter(
+      (clip) => (clip.visible || isShared) && (!kind.of || kind.of.has(clip)),
+    );
     const names = kind.perJoint ? [...state.picked] : [];
-    const several = state.clips.length > 1;
+    const several = state.clips.length > 1 && !isShared;
+    // The first of these colours are clips'.
+    const palette = state.colours.curves;
+    const from = isShared ? 2 : 0;
     for (const clip of clips) {
       const joints = names.filter((name) => clip.number.has(name));
-      const own = state.colours.clips[clip.index % state.colours.clips.length];
+      const own = isShared
+        ? palette[from]
+        : state.colours.clips[clip.index % state.colours.clips.length];
       if (!joints.length)
         found.push({ clip, joint: null, label: this.whole(clip, several), colour: own, dash: 0 });
       for (const name of joints.slice(0, MOST_CURVES)) {
         const k = names.indexOf(name);
-        const colour =
-          names.length > 1 ? state.colours.curves[k % state.colours.curves.length] : own;
+        const colour = names.length > 1 ? palette[(k + from) % palette.length] : own;
         const dash = names.length > 1 ? clips.indexOf(clip) % DASHES.length : 0;
         const label = several ? `${clip.name}, ${name}` : name;
         found.push({ clip, joint: clip.number.get(name), label, colour, dash });
@@ -47,6 +54,11 @@ class Curves {
     }
     for (const one of found) one.values = this.values(one.clip, one.joint);
     return found;
+  }
+
+  // Of one of several clips only: what they are to each other, as how far apart; of no clip.
+  isShared(kind) {
+    return kind.isGiven && kind.of.size === 1 && this.state.clips.length > 1 && !kind.isMarks;
   }
 
   whole(clip, several) {

@@ -23,21 +23,21 @@ from jaxmotion.contacts import Contacts, intervals
 from jaxmotion.kinematics import mirrored_pairs
 from jaxmotion.motion import Motion
 from jaxmotion.skeleton import Skeleton
+from jaxmotion.viz.body import Body, body_of, some_poses
 
 _STEPS, _MISSING = 32767, -32768
 _LEVELS, _NONE = 65534, 65535
-_LOOKED_AT = 64  # frames
-_STRETCH = 0.02  # of a bone's length: what varies more is no bone
 _NEAR = 0.2  # of the figure's size: a floor so near is the one at height 0
 
 
 class Figure(NamedTuple):
-    """A clip in the world of the page, but for its origin. ``points``: f64[T, P, 3], Y up;
-    ``size``: of the figure; ``floor``: its height; ``facing``: the angle about Y it first faces,
-    from Z to X, radians, None where its joints do not tell."""
+    """A clip in the world of the page, but for its origin. ``points``: f64[T, P, 3], Y up, those
+    of its ``body`` among them; ``size``: of the figure; ``floor``: its height; ``facing``: the
+    angle about Y it first faces, from Z to X, radians, None where its joints do not tell."""
 
     motion: Motion
     points: Float[np.ndarray, "time point 3"]
+    body: Body
     size: float
     floor: float
     facing: float | None
@@ -49,8 +49,10 @@ def figure_of(motion: Motion) -> Figure:
         points = _world(motion)
     points[~np.isfinite(points).all(axis=-1)] = np.nan
     points = upright(points, motion.skeleton)
-    size = _size(points)
-    return Figure(motion, points, size, _floor(points, size), _facing(points, motion.skeleton))
+    body = body_of(points, [*motion.skeleton.parents, *motion.skeleton.end_joints])
+    own = points[:, body.points]
+    size = _size(own)
+    return Figure(motion, points, body, size, _floor(own, size), _facing(points, motion.skeleton))
 
 
 def upright(points: np.ndarray, skeleton: Skeleton) -> np.ndarray:
@@ -78,7 +80,8 @@ def encoded(figure: Figure, origin: Float[np.ndarray, "3"]) -> dict[str, Any]:
         "frameTime": float(motion.frame_time),
         "joints": [printable(name) for name in skeleton.names],
         "parents": parents,
-        "loose": _loose(figure.points, parents),
+        "loose": np.flatnonzero(figure.body.loose).tolist(),
+        "apart": np.flatnonzero(~figure.body.points).tolist(),
         "size": figure.size,
         "facing": figure.facing,
         "middle": text_of(middle, np.float32),
@@ -186,34 +189,17 @@ def _angles(q: Float[np.ndarray, "time joint 4"]) -> Float[np.ndarray, "time joi
     return np.where(finite, np.rint(angle / np.pi * _LEVELS), _NONE)
 
 
-def _some(points: np.ndarray) -> np.ndarray:
-    """A few whole poses."""
-    whole = points[np.isfinite(points).all(axis=(1, 2))]
-    return whole[:: 1 + len(whole) // _LOOKED_AT]
-
-
 def _size(points: np.ndarray) -> float:
     """The largest extent of the figure, the median over poses."""
-    poses = _some(points)
+    poses = some_poses(points)
     if not len(poses):
         return 1.0
     return float(np.median(np.ptp(poses, axis=1).max(axis=-1))) or 1.0
 
 
-def _loose(points: np.ndarray, parents: list[int]) -> list[int]:
-    """Points that come nearer to their parents and go away again, as hips do to a root that stays
-    on the floor."""
-    poses = _some(points)
-    if not len(poses):
-        return []
-    long = np.linalg.norm(poses - poses[:, parents], axis=-1)
-    varies = np.ptp(long, axis=0) > _STRETCH * long.max(axis=0)
-    return [p for p in np.flatnonzero(varies).tolist() if parents[p] >= 0]
-
-
 def _floor(points: np.ndarray, size: float) -> float:
     """Where the lowest point is in most poses; 0 where that is near."""
-    poses = _some(points)
+    poses = some_poses(points)
     if not len(poses):
         return 0.0
     lowest = float(np.percentile(poses[..., 1].min(axis=1), 10))
@@ -223,7 +209,7 @@ def _floor(points: np.ndarray, size: float) -> float:
 def _facing(points: np.ndarray, skeleton: Skeleton) -> float | None:
     """Left minus right × up of the first whole pose, summed over mirrored joints of one parent
     (hips, shoulders)."""
-    poses, parents = _some(points), skeleton.parents
+    poses, parents = some_poses(points), skeleton.parents
     pairs = [(a, b) for a, b in mirrored_pairs(skeleton) if parents[a] == parents[b]]
     if not len(poses) or not pairs:
         return None

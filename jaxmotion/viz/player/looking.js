@@ -30,7 +30,7 @@ class Looking {
     for (const clip of clips)
       for (const frame of state.follow ? [clip.frameAt(state.time)] : sampled(clip.frames))
         clip.at(frame).forEach((x, k) => {
-          if (Number.isNaN(x)) return;
+          if (Number.isNaN(x) || clip.apart.has(Math.floor(k / 3))) return;
           low[k % 3] = Math.min(low[k % 3], x);
           high[k % 3] = Math.max(high[k % 3], x);
         });

@@ -54,7 +54,7 @@ class Scene {
       const from = [...pose.subarray(3 * parent, 3 * parent + 3)];
       const to = [...pose.subarray(3 * p, 3 * p + 3)];
       const radius = radii[p];
-      if (radius === 0) continue;
+      if (radius === 0 || (clip.loose.has(p) && clip.apart.has(parent))) continue;
       thick[parent] = Math.max(thick[parent], 0.62 * radius);
       thick[p] = Math.max(thick[p], 0.5 * radius);
       if (state.hidden.has(clip.joints[parent])) continue;
@@ -64,6 +64,7 @@ class Scene {
     const least = 0.004 * clip.size;
     for (let j = 0; j < clip.numPoints; j++) {
       if (Number.isNaN(pose[3 * j]) || state.hidden.has(clip.joints[clip.owner(j)])) continue;
+      if (clip.apart.has(j) && thick[j] === 0) continue;
       const isEnd = j >= clip.numJoints;
       const colour = this.colour(clip, frame, clip.owner(j), alpha);
       const picked = !isEnd && state.picked.has(clip.joints[j]);

@@ -3,6 +3,7 @@
 const RULER = 24; // pixels high
 const STRIP = 8;
 const GAP = 4;
+const MOST_ROWS = 16;
 const FONT = "11px system-ui, sans-serif";
 
 class Timeline {
@@ -158,7 +159,7 @@ function rowsOf(state) {
       });
     for (const [k, name] of (clip.contacts?.names || []).entries()) {
       const of = clip.contactSpans.filter((s) => s.point === k).map((s) => [s.first, s.last + 1]);
-      if (of.length && rows.length < 12)
+      if (of.length)
         rows.push({
           name: own(marked("contacts")) + name,
           frame,
@@ -167,7 +168,9 @@ function rowsOf(state) {
         });
     }
   }
-  return rows;
+  if (rows.length <= MOST_ROWS) return rows;
+  const left = { name: `and ${rows.length - MOST_ROWS} rows more`, spans: () => [] };
+  return [...rows.slice(0, MOST_ROWS), left];
 }
 
 // All errors, and over them those of the picked joints.
@@ -205,10 +208,11 @@ function bar(c, x, y, width, height, round = 3) {
   c.fill();
 }
 
-// A text, or its beginning.
+// A text, or its beginning and its end: what tells names apart is often last.
 function fitted(c, text, width) {
   if (c.measureText(text).width <= width) return text;
-  let kept = text;
-  while (kept && c.measureText(`${kept}…`).width > width) kept = kept.slice(0, -1);
-  return `${kept}…`;
+  const short = (count) => `${text.slice(0, count >> 1)}…${text.slice(text.length - (count + 1 >> 1))}`;
+  let count = text.length - 1;
+  while (count > 0 && c.measureText(short(count)).width > width) count -= 1;
+  return count > 0 ? short(count) : "…";
 }

@@ -175,19 +175,23 @@ class WebGLPicture {
     gl.uniform4fv(at("sky"), look.sky);
     gl.uniform4fv(at("shade"), look.shade);
     const all = (name) => view.lists.flatMap((lists) => lists[name]);
-    const solid = all("solid");
     this.flat(2, 0.002 * camera.size, all("floor"));
     if (camera.eye[1] > 0) {
       gl.enable(gl.STENCIL_TEST); // a shadow on a shadow is no darker
       gl.stencilFunc(gl.EQUAL, 0, 255);
       gl.stencilOp(gl.KEEP, gl.KEEP, gl.INCR);
-      this.flat(1, 0.001 * camera.size, solid);
+      this.flat(1, 0.001 * camera.size, all("solid"));
       gl.disable(gl.STENCIL_TEST);
     }
     gl.uniform1i(at("flatten"), 0);
     gl.enable(gl.CULL_FACE);
     gl.depthMask(true);
-    this.instanced(solid);
+    gl.enable(gl.POLYGON_OFFSET_FILL); // where clips are the same the last is seen, whole
+    view.lists.forEach((lists, k) => {
+      gl.polygonOffset(-k, -4 * k);
+      this.instanced(lists.solid);
+    });
+    gl.disable(gl.POLYGON_OFFSET_FILL);
     gl.depthMask(false);
     gl.uniform1i(at("flatten"), 3);
     this.instanced(all("clear"));
