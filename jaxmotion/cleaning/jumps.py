@@ -6,7 +6,7 @@
     pair    of a frame the greatest min(e, e′) over two jumps on both sides of it: what goes away
             and comes back. The second turns back, within 45° of −v, as the joint or as its parent
             sees it; at most 1.3 seconds lie between; and of all such each leaves least, ‖v + v′‖,
-            of the other: what is between two errors is none
+            of the other, a later one only if less by a tenth: what is between two errors is none
     hold    of a frame how many steps on end, itself included, turn by less than 10⁻⁴ rad while at
             least half of the joints move; not in a pose that the joint comes to at other times, to
             10⁻³ rad: there it rests, at a limit of its own or of what wrote the file
@@ -24,6 +24,7 @@ from jaxmotion.frames.runs import spans
 
 _APART = 1.3  # seconds
 _BACK = np.cos(np.pi / 4)
+_CLEAR = 0.1  # of the jumps' size
 _STILL = 1e-4  # radians a frame
 _SAME = 1e-3  # radians
 _MOVING = 0.12  # radians a second
@@ -89,9 +90,9 @@ def _other_of(
         left = np.where(on < -_BACK * product, jump[:-n] ** 2 + 2 * on + jump[n:] ** 2, np.inf)
         numbers = np.arange(len(left))[:, None]
         for half, number in ((slice(None, -n), numbers + n), (slice(n, None), numbers)):
-            nearer = left < least[half]
-            least[half] = np.where(nearer, left, least[half])
-            other[half] = np.where(nearer, number, other[half])
+            better = left + _CLEAR**2 * product < least[half]
+            least[half] = np.where(better, left, least[half])
+            other[half] = np.where(better, number, other[half])
     return other
 
 

@@ -85,11 +85,11 @@ for (const table of document.querySelectorAll("table")) {
     const compare = (a, b) => {
       const [x, y] = [of(a), of(b)];
       if (!x || !y) return x ? -1 : y ? 1 : 0;
-      const order = isNaN(x) || isNaN(y) ? x.localeCompare(y) : x - y;
+      const order = isNaN(x) || isNaN(y) ? x.localeCompare(y, undefined, {numeric: true}) : x - y;
       return down ? -order : order;
     };
     const body = table.tBodies[0];
-    body.append(...[...body.rows].sort(compare));
+    for (const row of [...body.rows].sort(compare)) body.append(row);
   }));
 }
 """
@@ -241,7 +241,8 @@ def _cell(value: Any, notes: Sequence[str] = ()) -> str:
 
 def _number_cell(value: int | float) -> str:
     """What a cell begins with; it is sorted by the whole of its number."""
-    return f'<td class="number" data-value="{value!r}">'
+    known = str(value).replace("inf", "Infinity").replace("nan", "")
+    return f'<td class="number" data-value="{known}">'
 
 
 def _number(value: int | float) -> str:

@@ -44,13 +44,14 @@ import functools
 import hashlib
 import json
 import math
+import os
 import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
+from urllib.parse import quote, unquote_to_bytes
 
 import click
 
@@ -107,7 +108,8 @@ class Report:
             return
         if kind := irregular(path):
             raise click.UsageError(f"{path} cannot be written: {kind}, not a file")
-        self._folder = path.with_name(f"{path.stem}-players") if is_page(path) else None
+        several = is_page(path) and len(jobs) > 1
+        self._folder = path.with_name(f"{path.stem}-players") if several else None
         for there in (path, self._folder):
             if there is not None and there.exists() and not overwrite:
                 raise click.UsageError(f"{there} exists; add --overwrite")
@@ -159,6 +161,8 @@ class Report:
             earlier = self._earlier.get(str(job.target), {})
             if earlier.get("made") == entry["made"]:
                 entry = {**earlier, "status": "skipped", "message": outcome.message}
+                if entry["player"] and not self._is_there(entry["player"]):
+                    entry["player"] = None
                 self._pictures[entry["input"]] = self._kept.get(entry["input"], "")
         if outcome.effect is not None:
             effect = outcome.effect
@@ -173,6 +177,11 @@ class Report:
             self._pictures[entry["input"]] = "\n".join(parts)
         self._entries[job.source] = entry
 
+    def _is_there(self, link: str) -> bool:
+        """Whether a page that the report links to is there still."""
+        assert self._path is not None
+        return (self._path.parent / os.fsdecode(unquote_to_bytes(link))).is_file()
+
     def _written(self, text: str, job: Job) -> str:
         """A player's page, in the folder beside the report, and how the report calls it."""
         from jaxmotion.io.atomic import atomic_write
@@ -185,7 +194,7 @@ class Report:
         name = f"{stem or 'clip'}-{mark}.html"
         with atomic_write(self._folder / name) as file:
             file.write(text.encode())
-        return quote(f"{self._folder.name}/{name}")
+        return quote(os.fsencode(f"{self._folder.name}/{name}"))
 
     @contextlib.contextmanager
     def attempt(self, job: Job) -> Iterator[Outcome]:

@@ -14,6 +14,8 @@ import click
 from jaxmotion._plain import irregular, printable
 from jaxmotion.cli._terminal import say
 
+_NAME = 60  # letters of a temporary page's name that are the clip's
+
 
 @dataclass(frozen=True)
 class Showing:
@@ -40,7 +42,7 @@ class Showing:
         """Write a page and open it; of a temporary file ``name`` is a part of the name."""
         from jaxmotion.io.atomic import atomic_write
 
-        out = self.out or Path(tempfile.mkdtemp(prefix="jaxmotion-")) / f"{name}.html"
+        out = self.out or Path(tempfile.mkdtemp(prefix="jaxmotion-")) / f"{name[:_NAME]}.html"
         out.parent.mkdir(parents=True, exist_ok=True)
         with atomic_write(out, overwrite=self.overwrite or self.out is None) as file:
             file.write(page.encode())
@@ -80,13 +82,23 @@ def _html(ctx: click.Context, param: click.Parameter, value: Path | None) -> Any
     return value
 
 
+def _apart(paths: list[Path]) -> list[str]:
+    """The paths without the folders that all of them begin with."""
+    parts = [path.parts for path in paths]
+    same = 0
+    while all(len(x) > same + 1 and x[same] == parts[0][same] for x in parts):
+        same += 1
+    return [str(Path(*x[same:])) for x in parts]
+
+
 def names_of(paths: list[Path]) -> list[str]:
     """What to call files beside each other: by their names, or what tells them apart."""
     names = [path.stem for path in paths]
     if len(set(names)) < len(names):
         names = [path.name for path in paths]
     if len(set(names)) < len(names):
-        names = [str(path) for path in paths]
-    if len(set(names)) < len(names):  # one file several times
+        names = _apart(paths)
+    names = [printable(name) for name in names]
+    if len(set(names)) < len(names):  # one file several times, or what does not print
         names = [f"{name} ({number})" for number, name in enumerate(names, 1)]
-    return [printable(name) for name in names]
+    return names

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _SHOWN = 12
 _PICKED = 3
-_RATES = 0.001  # that rates may differ by
+_RATES = 1e-5  # that rates may differ by
 
 _OF_JOINTS = (
     *("joint", "turned, mean, degrees", "turned most", "at frame"),
@@ -28,6 +28,7 @@ _OF_JOINTS = (
 _OF_FRAMES = "frame", "turned most, degrees", "joint", "moved most, length units", "joint"
 _NOTES = {
     "joints": "only in one: {}",
+    "unit": "lengths of {} are told in units of {:g} m",
     "rate": "{} was resampled to {:.6g} frames a second",
     "frames": "{} goes on for {} frames more",
     "up": "{} was turned to stand along {}",
@@ -120,6 +121,10 @@ def paired(first: "Motion", second: "Motion", names: tuple[str, str]) -> Pair:
     if second.skeleton.up != first.skeleton.up:
         second = reorient(second, first.skeleton.up)
         notes.append(_NOTES["up"].format(printable(names[1]), first.skeleton.up))
+    units = [clip.skeleton.conventions.metres for clip in (first, second)]
+    if units[0] and units[1] and units[0] != units[1]:
+        second = _scaled(second, units[1] / units[0])
+        notes.append(_NOTES["unit"].format(printable(names[1]), units[0]))
     rates = float(first.fps), float(second.fps)
     if abs(rates[1] / rates[0] - 1) > _RATES:
         second = jm.resample(second, fps=rates[0])
@@ -133,10 +138,19 @@ def paired(first: "Motion", second: "Motion", names: tuple[str, str]) -> Pair:
     clips = list(zip((first, second), at, strict=True))
     places = [metrics.world_positions(clip)[:, joints] for clip, joints in clips]
     turns = [np.asarray(clip.rotations)[:, joints] for clip, joints in clips]
-    units = [clip.skeleton.conventions.metres for clip, _ in clips]
-    scale = units[1] / units[0] if units[0] and units[1] else 1.0
-    distance = np.linalg.norm(places[0] - scale * places[1], axis=-1)
+    distance = np.linalg.norm(np.subtract(*places), axis=-1)
     return Pair(first, second, both, metrics.turn(*turns), distance, notes)
+
+
+def _scaled(motion: "Motion", scale: float) -> "Motion":
+    """The motion with all its lengths times ``scale``."""
+    import equinox as eqx
+
+    def lengths(motion: "Motion") -> tuple:
+        skeleton = motion.skeleton
+        return motion.translations, skeleton.offsets, skeleton.end_offsets
+
+    return eqx.tree_at(lengths, motion, tuple(scale * x for x in lengths(motion)))
 
 
 def rows_of_joints(pair: Pair) -> list[dict[str, Any]]:
@@ -231,7 +245,8 @@ def _page(
         ("turned, °", np.degrees(pair.angle)),
         ("moved, length units", pair.distance),
     ):
-        every = np.zeros((pair.first.num_frames, pair.first.num_joints))
+        # What only one of them has is not known to be the same.
+        every = np.full((pair.first.num_frames, pair.first.num_joints), np.nan)
         every[:, at] = values
         curves[title_of] = every
     clips = dict(zip(names, (pair.first, pair.second), strict=True))

@@ -36,10 +36,13 @@ def named_clips(caller: str, motions: Any) -> dict[str, Motion]:
         return {"": known_clip(caller, motions)}
     if not motions:
         raise ValueError(f"{caller}: motions is empty; expected at least one clip")
-    return {
+    clips = {
         printable(name): known_clip(caller, clip, f"motions[{name!r}]")
         for name, clip in motions.items()
     }
+    if len(clips) < len(motions):
+        raise ValueError(f"{caller}: names {list(motions)} look the same when they are shown")
+    return clips
 
 
 def joint_number(caller: str, skeleton: Skeleton, joint: int | str) -> int:

@@ -63,7 +63,7 @@ def plot_trajectories(
         paths[name] = chosen, where[:, :, [ahead, aside]], root
     figure = Picture(figsize=_size(paths), layout="constrained")
     axes = figure.add_subplot()
-    many = 0
+    lines = {}  # Matplotlib's own legend leaves out names that begin with "_"
     for number, (name, (chosen, where, root)) in enumerate(paths.items()):
         clip = clips[name]
         for k, joint in enumerate(chosen):
@@ -72,9 +72,9 @@ def plot_trajectories(
             words = [name] * (len(clips) > 1) + [printable(clip.skeleton.names[joint])]
             label = ", ".join(words[: 1 + (len(chosen) > 1 or len(clips) == 1)])
             path = where[:, joint]
-            axes.plot(*path.T, color=colour, ls=style, lw=1.8, label=label.replace("$", r"\$"))
+            (line,) = axes.plot(*path.T, color=colour, ls=style, lw=1.8)
+            lines[line] = label.replace("$", r"\$")
             axes.plot(*path[:1].T, "o", color=colour, ms=8, mfc="white", mew=1.8)
-            many += 1
             if joint == root:
                 _arrows(axes, clip, path, (ahead, aside), colour)
     unit = unit_of(first.skeleton)
@@ -84,7 +84,9 @@ def plot_trajectories(
     axes.grid(color="0.9", lw=0.8)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    figure.legend(loc="outside upper center", ncols=min(many, 4), frameon=False)
+    columns = min(len(lines), 4)
+    place = {"loc": "outside upper center", "ncols": columns, "frameon": False}
+    figure.legend([*lines], [*lines.values()], **place)
     return figure
 
 

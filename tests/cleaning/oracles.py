@@ -48,7 +48,12 @@ def paired_by_hand(q, leap, apart):
             on = min(u @ v, after[a].apply(u) @ after[b].apply(v))
             if -on > np.sqrt(0.5) * jump[a, j] * jump[b, j] and b - a <= apart:
                 left[a, b] = left[b, a] = u @ u + 2 * on + v @ v
-        best = {a: min((x, b) for (c, b), x in left.items() if c == a)[1] for a, _ in left}
+        best = {}
+        for a in {a for a, _ in left}:
+            for b in sorted((b for c, b in left if c == a), key=lambda b: (abs(b - a), b)):
+                clear = 0.01 * jump[a, j] * jump[b, j]
+                if a not in best or left[a, b] + clear < left[a, best[a]]:
+                    best[a] = b
         for a, b in best.items():
             if best[b] == a and a < b:
                 both = min(jump[a, j], jump[b, j])

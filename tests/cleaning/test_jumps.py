@@ -104,6 +104,18 @@ def test_what_is_between_two_errors_is_none():
     np.testing.assert_array_equal(found, np.isin(np.arange(30), [5, 6, 7, 17, 18, 19]))
 
 
+@pytest.mark.parametrize("gap", [8, 15, 25])
+def test_two_errors_that_are_alike(gap):
+    """But for a thousandth of a radian: neither takes the other's end for its own."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        v = 1e-3 * rng.standard_normal((90, 1, 3))
+        wrong = np.isin(np.arange(90), [*range(20, 25), *range(25 + gap, 30 + gap)])
+        v[wrong, 0, 0] += 0.8
+        q = quaternions_by(v)
+        np.testing.assert_array_equal(paired(q, leaps(q), 30.0)[:, 0] > 0.42, wrong)
+
+
 @pytest.mark.parametrize("frames", [0, 1, 2, 3])
 def test_few_frames(frames):
     q = np.asarray(random_quaternions(np.random.default_rng(0), (frames + 1, 2)))

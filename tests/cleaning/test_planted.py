@@ -64,6 +64,11 @@ def test_the_candidate_that_stands_best(walk, contacts, left):
         made.rotations[changed, left[0]], walk.rotations[changed, left[0]]
     )
     np.testing.assert_array_equal(made.rotations[30, left[0]], first.rotations[30, left[0]])
+    # Run by run: what is right in the first of them only, and in the second.
+    halves = [turned(walk, left[0], x, [0.3, 0, 0]) for x in (frames[frames < 30], frames[25:])]
+    made = nearest_to_contacts(halves, contacts, mask)
+    np.testing.assert_array_equal(made.rotations[:30], walk.rotations[:30])
+    np.testing.assert_array_equal(made.rotations[31:], walk.rotations[31:])
     other = nearest_to_contacts([wrong, first], contacts, mask)
     np.testing.assert_array_equal(other.rotations, walk.rotations)
     alone = nearest_to_contacts([wrong], contacts, mask)

@@ -74,7 +74,7 @@ def test_view_of_several(jaxmotion, take, opened, tmp_path):
     told = jaxmotion("view", take, other, broken, code=1).stderr
     assert "FAILED" in told
     text = opened[0].read_text("utf-8")
-    clips = {str(path): jm.load(path) for path in (take, other)}
+    clips = {"take.bvh": jm.load(take), "b/take.bvh": jm.load(other)}
     assert text == jm.viz.player(clips, title=", ".join(clips)).html
     assert jaxmotion("view", broken, code=1).exit_code == 1
     assert len(opened) == 1
@@ -101,9 +101,12 @@ def test_names():
     paths = [Path(name) for name in ("a/x.bvh", "b/x.bvh", "c/y.bvh")]
     assert names_of(paths[1:]) == ["x", "y"]
     assert names_of(paths) == ["a/x.bvh", "b/x.bvh", "c/y.bvh"]
+    deep = [Path("/home/me/takes") / path for path in paths]
+    assert names_of(deep) == ["a/x.bvh", "b/x.bvh", "c/y.bvh"]
     assert names_of([Path("a/x.bvh"), Path("a/x.amc")]) == ["x.bvh", "x.amc"]
     assert names_of([Path("x.bvh")] * 2) == ["x.bvh (1)", "x.bvh (2)"]
     assert names_of([Path("\x1b[2J.bvh")]) == [r"\x1b[2J"]
+    assert names_of([Path("k\n.bvh"), Path(r"k\n.bvh")]) == [r"k\n (1)", r"k\n (2)"]
 
 
 def test_compare(jaxmotion, take, opened, tmp_path):
@@ -186,5 +189,6 @@ def test_compare_in_other_units(jaxmotion, tmp_path):
     words = ("compare", tmp_path / "a.npz", tmp_path / "b.npz", "--no-open", "--json")
     told = json.loads(jaxmotion(*words).stdout)
     [hips] = [row for row in told["joints"] if row["joint"] == "Hips"]
+    assert told["notes"] == ["lengths of b.npz are told in units of 0.01 m"]
     root = np.linalg.norm(np.asarray(clip.translations)[:, 0], axis=-1)
     assert hips["distance_most"] == pytest.approx(99 * root.max(), rel=1e-6)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
+from jaxmotion.cli._page import document, table_of
 from jaxmotion.contacts import ContactPoints, Contacts
 from jaxmotion.viz import player
 from tests.helpers import random_motion
@@ -204,6 +205,16 @@ def missing():
     return player(motion.replace(translations=t))
 
 
+class Table:
+    """A page of the command line's, with one table."""
+
+    def __init__(self, rows):
+        self.rows = rows
+
+    def save(self, path):
+        path.write_text(document("report", [table_of("rows", self.rows)]))
+
+
 PAGES = {
     "chain": lambda: player(chain()),
     "walk": lambda: player(clip(), title="walk.bvh"),
@@ -216,6 +227,20 @@ PAGES = {
         title=HOSTILE[0],
     ),
     "same": lambda: player({"before": clip(), "after": clip()}),
+    "six": lambda: player(
+        {f"c{k}": clip() for k in range(6)},
+        contacts={f"c{k}": jm.contacts.detect(clip()) for k in range(6)},
+        errors={f"c{k}": np.arange(60) // 3 == 3 * k + 1 for k in range(6)},
+    ),
+    "table": lambda: Table(
+        [
+            {"file": "take10", "degrees": 0.5},
+            {"file": "take9", "degrees": 12.0},
+            {"file": "b", "degrees": None},
+            {"file": "C", "degrees": float("-inf")},
+            {"file": "d", "degrees": -3.0},
+        ]
+    ),
     "rooted": lambda: player(standing_root(30)[1]),
     "differing": lambda: player(
         {"before": clip(), "after": clip()},
@@ -701,3 +726,69 @@ def test_curves_of_a_pair_are_of_no_clip(browser):
     said = browser.get("document.body.innerText")
     assert "turned, °" in said
     assert "before, turned" not in said
+
+
+def test_a_change_of_address_changes_the_curve(browser):
+    browser.open("walk", "paused&pick=LeftFoot&curve=joint speed")
+    assert "LeftFoot" in browser.text("#reading")
+    browser.js("location.hash = 'paused&pick=Head&curve=rotation angle'")
+    browser.settle()
+    browser.settle()
+    said = browser.text("#reading")
+    assert "Head" in said
+    assert "LeftFoot" not in said
+    assert "°" in said
+
+
+def test_errors_whose_rows_do_not_fit_are_found(browser):
+    """Six clips of five rows are more than are shown."""
+    browser.open("six")
+    found = []
+    for _ in range(8):
+        browser.key("n")
+        found.append(browser.get("p.frame"))
+    assert found[:6] == [3, 12, 21, 30, 39, 48]
+
+
+def test_speeds_and_loops_by_key(browser):
+    browser.open("walk", "paused&speed=3")
+    browser.key(".")
+    assert browser.get("p.speed") == 4
+    browser.js("p.speed = 0.3")
+    browser.key(",")
+    assert browser.get("p.speed") == 0.25
+    browser.js("p.frame = 10")
+    browser.key("]")
+    assert browser.get("p.loop") == [0, 10]
+    browser.js("p.frame = 30")
+    browser.key("[")
+    assert browser.get("p.loop") == [30, 59]
+
+
+def test_a_page_that_is_not_seen_at_first(browser):
+    """In a frame without room it starts all the same, and is drawn when there is some."""
+    browser.open("marked", "", size=(20, 20))
+    assert browser.get("p.numFrames") > 1
+    assert not browser.errors()
+    browser.resize(900, 700)
+    browser.settle()
+    assert browser.get("p.playing")
+    assert len(np.unique(browser.pixels())) > 50
+
+
+def test_tables_of_reports_are_sorted_by_a_click(browser):
+    """Downwards, then upwards; numbers as numbers, also in names; what is not known last."""
+    browser.open("table")
+    seen = "[...document.querySelectorAll('tbody tr')].map(row => row.cells[0].textContent)"
+
+    def click(column):
+        browser.js(f"document.querySelectorAll('thead th')[{column}].click()")
+        return browser.get(seen)
+
+    assert browser.get(seen) == ["take10", "take9", "b", "C", "d"]
+    assert click(1) == ["take9", "take10", "d", "C", "b"]
+    assert click(1) == ["C", "d", "take10", "take9", "b"]
+    assert click(0) == ["take10", "take9", "d", "C", "b"]
+    assert click(0) == ["b", "C", "d", "take9", "take10"]
+    sorts = "[...document.querySelectorAll('thead th')].map(th => th.getAttribute('aria-sort'))"
+    assert browser.get(sorts) == ["ascending", None]

@@ -10,10 +10,13 @@ function readAddress(player) {
     player.flip("sideBySide");
   for (const name of ["trail", "contacts", "list", "follow"])
     if (asked.has(name)) state[name] = asked.get(name) !== "0";
-  if (asked.has("pick")) state.picked = new Set(asked.getAll("pick"));
+  if (asked.has("pick")) {
+    state.picked = new Set(asked.getAll("pick"));
+    player.timeline.isStale = player.curves.isStale = true;
+  }
   if (asked.has("curve")) {
     const kind = player.curves.kinds.find((k) => k.name === asked.get("curve"));
-    if (kind) player.curves.kind = kind;
+    if (kind) player.setCurve(kind);
   }
   if (asked.has("loop")) {
     const [a, b] = asked.get("loop").split("-").map(Number);
@@ -27,7 +30,7 @@ function readAddress(player) {
     );
     if (Number.isFinite(yaw)) camera.yaw = yaw;
     if (Number.isFinite(pitch)) camera.pitch = clamp(pitch, -1.55, 1.55);
-    if (distance > 0) camera.distance = distance;
+    if (Number.isFinite(distance) && distance > 0) camera.distance = distance;
   }
   if (asked.has("target")) {
     const target = numbers("target");

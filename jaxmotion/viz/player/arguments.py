@@ -14,14 +14,16 @@ from jaxmotion.contacts.contact import check_frames
 from jaxmotion.motion import Motion
 
 THEMES = ("auto", "light", "dark")
+_LARGEST = 1e30
 
 
 class Curve(NamedTuple):
-    """``values``: f64[T] or f64[T, J], of the motion ``of``."""
+    """``values``: f64[T] or f64[T, J], of the motion ``of``, or in its frames of all motions."""
 
     name: str
     of: str
     values: np.ndarray
+    is_shared: bool = False
 
 
 class Given(NamedTuple):
@@ -41,6 +43,8 @@ def read(motion: Any, contacts: Any, errors: Any, curves: Any, theme: Any) -> Gi
     if not motion:
         raise ValueError("player: no motion is given; expected one, or some by name")
     motions = {str(name): clip for name, clip in motion.items()}
+    if len(motions) < len(motion):
+        raise ValueError(f"player: names {list(motion)} are the same as text")
     for name, clip in motions.items():
         one_clip("player", clip, f"motion[{name!r}]" if name else "motion", on_host=True)
     if traced(motions, contacts, errors, curves):
@@ -97,7 +101,12 @@ def _curves(motions: dict[str, Motion], curves: Any) -> list[Curve]:
     if not isinstance(curves, Mapping):
         raise ValueError('player: curves need names; expected a dict, {"name": f[T] or f[T, J]}')
     return [
-        Curve(str(name), of, _numbers(f"curves[{name!r}]", values, motions[of]))
+        Curve(
+            str(name),
+            of,
+            _numbers(f"curves[{name!r}]", values, motions[of]),
+            not isinstance(given, Mapping),
+        )
         for name, given in curves.items()
         for of, values in _each(f"curves[{name!r}]", given, motions)
     ]
@@ -113,4 +122,7 @@ def _numbers(name: str, values: Any, motion: Motion) -> np.ndarray:
             f"player: {name} is {numbers.dtype} of shape {numbers.shape}; expected numbers of "
             f"shape ({frames},) or ({frames}, {joints}), (time, joint)"
         )
-    return numbers.astype(np.float64)
+    made = numbers.astype(np.float64)
+    if (np.abs(made[np.isfinite(made)]) > _LARGEST).any():
+        raise ValueError(f"player: {name} has numbers beyond {_LARGEST:g}, which no page can draw")
+    return made

@@ -182,7 +182,7 @@ function curveKinds(content, clips) {
     if (!kind) {
       const unit = given.name.endsWith("°") ? "°" : "";
       kind = { name: given.name, unit, perJoint: given.perJoint, of: new Map(), isGiven: true };
-      kind.isMarks = given.name === "digression"; // of its clip alone
+      kind.isShared = given.isShared;
       kind.read = (clip, frame, joint) => {
         const own = kind.of.get(clip);
         if (!own) return NaN;

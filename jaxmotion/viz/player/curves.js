@@ -56,9 +56,9 @@ class Curves {
     return found;
   }
 
-  // Of one of several clips only: what they are to each other, as how far apart; of no clip.
+  // Of several clips together: how far apart they are, say; of none of them.
   isShared(kind) {
-    return kind.isGiven && kind.of.size === 1 && this.state.clips.length > 1 && !kind.isMarks;
+    return Boolean(kind.isShared) && this.state.clips.length > 1;
   }
 
   whole(clip, several) {

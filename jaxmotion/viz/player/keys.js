@@ -26,18 +26,17 @@ const KEY_HELP = [
 
 function listenToKeys(player) {
   const { state } = player;
+  const last = state.numFrames - 1;
   const actions = {
     " ": () => player.toggle(),
     ArrowLeft: (e) => player.step(e.shiftKey ? -10 : -1),
     ArrowRight: (e) => player.step(e.shiftKey ? 10 : 1),
     Home: () => player.seek(0),
     End: () => player.seek(state.numFrames - 1),
-    ",": () => player.setSpeed(SPEEDS[Math.max(SPEEDS.indexOf(state.speed) - 1, 0)]),
-    ".": () =>
-      player.setSpeed(SPEEDS[Math.min(SPEEDS.indexOf(state.speed) + 1, SPEEDS.length - 1)]),
-    "[": () =>
-      player.setLoop([state.frame, Math.max(state.frame, state.loop?.[1] ?? state.numFrames - 1)]),
-    "]": () => player.setLoop([Math.min(state.frame, state.loop?.[0] ?? 0), state.frame]),
+    ",": () => player.setSpeed(SPEEDS.findLast((speed) => speed < state.speed) ?? SPEEDS[0]),
+    ".": () => player.setSpeed(SPEEDS.find((speed) => speed > state.speed) ?? SPEEDS.at(-1)),
+    "[": () => player.setLoop([state.frame, state.loop?.[1] > state.frame ? state.loop[1] : last]),
+    "]": () => player.setLoop([state.loop?.[0] < state.frame ? state.loop[0] : 0, state.frame]),
     "\\": () => player.setLoop(null),
     n: () => player.nextError(1),
     p: () => player.nextError(-1),

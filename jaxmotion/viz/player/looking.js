@@ -11,7 +11,9 @@ class Looking {
 
   travel() {
     const clip = this.state.clips[0];
-    const first = clip.middleAt(0);
+    let first = [NaN, NaN, NaN];
+    for (let frame = 0; frame < clip.frames && Number.isNaN(first[0]); frame++)
+      first = clip.middleAt(frame);
     let most = 0;
     for (let frame = 0; frame < clip.frames; frame += 1 + (clip.frames >> 8)) {
       const [x, , z] = subtract(clip.middleAt(frame), first);

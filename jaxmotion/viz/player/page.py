@@ -94,8 +94,9 @@ def player(
     **Arguments:** ``motion``: one clip, T frames of J joints, or several by name, each with its
     own frames, joints and up axis; ``contacts``: of :func:`jaxmotion.contacts.detect`; ``errors``:
     of :func:`jaxmotion.cleaning.detect_errors`, or a mask bool[T] or bool[T, J]; ``curves``: f[T]
-    or f[T, J] by what to call them. These three belong to the first motion, unless they are given
-    by the name of theirs: ``contacts={"after": found}``, ``curves={"energy": {"after": e}}``.
+    or f[T, J] by what to call them; of several motions these are of all of them together, in the
+    first's frames. Contacts and errors belong to the first. All are of one motion that are given by
+    its name: ``contacts={"after": found}``, ``curves={"energy": {"after": e}}``.
     ``picked``: joints that stand out at first, and have curves of their own, by name; ``title``: of
     the page; ``side_by_side``: begin so with several motions, not one over the other;
     ``theme``: "light", "dark", or "auto" as the system has it.
@@ -144,6 +145,7 @@ def content_of(given: Given, view: Mapping[str, Any]) -> dict[str, Any]:
         {
             "name": printable(curve.name),
             "clip": order.index(curve.of),
+            "isShared": curve.is_shared,
             **encode.encoded_curve(curve.values),
         }
         for curve in given.curves

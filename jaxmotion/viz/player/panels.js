@@ -208,6 +208,11 @@ class Panels {
     this.buttons.get("joints").setAttribute("aria-pressed", String(state.list));
     this.buttons.get("help").setAttribute("aria-pressed", String(state.help));
     this.buttons.get("play").replaceChildren(icon(state.playing ? "pause" : "play"));
+    const isKnown = [...this.speed.options].some((option) => +option.value === state.speed);
+    if (!isKnown) {
+      const textContent = `${+state.speed.toPrecision(3)}×`;
+      this.speed.append(element("option", { value: state.speed, textContent }));
+    }
     this.speed.value = String(state.speed);
     this.at("joints").hidden = !state.list;
     this.at("help").hidden = !state.help;

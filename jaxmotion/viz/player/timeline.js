@@ -11,12 +11,15 @@ class Timeline {
     this.canvas = canvas;
     this.state = state;
     this.rows = rowsOf(state);
+    this.shown = this.rows.slice(0, MOST_ROWS); // there is no room for all
+    const left = this.rows.length - MOST_ROWS;
+    if (left > 0) this.shown.push({ name: `and ${left} rows more`, spans: () => [] });
     this.still = document.createElement("canvas"); // what does not move with the cursor
     this.isStale = true;
   }
 
   get height() {
-    return RULER + (this.rows.length ? GAP : 0) + this.rows.length * (STRIP + GAP);
+    return RULER + (this.shown.length ? GAP : 0) + this.shown.length * (STRIP + GAP);
   }
 
   // Names stand left of the strips, where there is room for them.
@@ -28,12 +31,12 @@ class Timeline {
 
   x(frame) {
     const { left, right, width, state } = this;
-    return left + ((frame + 0.5) / state.numFrames) * (width - left - right);
+    return left + ((frame + 0.5) / state.numFrames) * Math.max(width - left - right, 1);
   }
 
   frameOf(x) {
     const { left, right, width, state } = this;
-    const part = (x - left) / (width - left - right);
+    const part = (x - left) / Math.max(width - left - right, 1);
     return clamp(Math.floor(part * state.numFrames), 0, state.numFrames - 1);
   }
 
@@ -70,7 +73,7 @@ class Timeline {
     const text = state.colours.text;
     this.drawLoop(c, text);
     this.drawRuler(c, text);
-    this.rows.forEach((row, k) => this.drawRow(c, row, RULER + GAP + k * (STRIP + GAP), text));
+    this.shown.forEach((row, k) => this.drawRow(c, row, RULER + GAP + k * (STRIP + GAP), text));
   }
 
   drawRuler(c, text) {
@@ -168,9 +171,7 @@ function rowsOf(state) {
         });
     }
   }
-  if (rows.length <= MOST_ROWS) return rows;
-  const left = { name: `and ${rows.length - MOST_ROWS} rows more`, spans: () => [] };
-  return [...rows.slice(0, MOST_ROWS), left];
+  return rows;
 }
 
 // All errors, and over them those of the picked joints.
@@ -203,6 +204,7 @@ function line(c, x0, y0, x1, y1) {
 }
 
 function bar(c, x, y, width, height, round = 3) {
+  if (!(width > 0)) return; // in a frame that is hidden, or all but
   c.beginPath();
   c.roundRect(x, y, width, height, Math.min(round, width / 2));
   c.fill();
