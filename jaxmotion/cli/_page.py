@@ -53,7 +53,8 @@ p { margin: .3em 0; }
 table { border-collapse: collapse; }
 th, td { border-bottom: 1px solid #8884; padding: .35em .7em; }
 th, td { text-align: left; vertical-align: top; }
-th { font-weight: 600; font-size: 13px; line-height: 1.3; vertical-align: bottom; max-width: 9em; }
+th { font-weight: 600; font-size: 13px; line-height: 1.3; vertical-align: bottom; }
+th { min-width: 5em; max-width: 10em; }
 td:first-child { min-width: 12em; max-width: 26em; overflow-wrap: anywhere; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 tbody tr:hover { background: #8881; }
@@ -113,13 +114,17 @@ def page(record: dict[str, Any], pictures: Mapping[str, str] = MappingProxyType(
     parts = [
         f"<p>{counts}; {as_text(record['end'])}</p>",
         f"<p><code>{as_text(' '.join(asked.split()))}</code>{preset}</p>",
-        f"<p>{record['begun']} to {record['ended']}; {versions}</p>",
+        f"<p>{_when(record['begun'])} to {_when(record['ended'])}; {versions}</p>",
         top,
         _table(headings, rows),
         learned,
         f'<script type="application/json" id="record">\n{hidden}\n</script>',
     ]
     return document(f"jaxmotion {record['command']}", parts)
+
+
+def _when(time: str) -> str:
+    return as_text(time.replace("T", " ").replace("+00:00", " UTC"))
 
 
 def document(title: str, parts: Sequence[str]) -> str:

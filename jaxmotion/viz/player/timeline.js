@@ -188,7 +188,7 @@ function errorSpans(clip, errors, state) {
 
 // Drawing on a canvas.
 
-const gutterOf = (width) => (width >= 560 ? 116 : 14);
+const gutterOf = (width) => (width >= 560 ? 116 : 38);
 
 function sized(canvas, width, height, scale) {
   canvas.width = Math.round(width * scale);
