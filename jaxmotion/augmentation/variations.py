@@ -1,6 +1,7 @@
 """What augmenting makes of a clip, and which of it is sound."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -48,16 +49,16 @@ class Variations(Portable):
     @property
     def faults(self) -> dict[str, Bool[Array, "*batch variation"]]:
         """Which fail each of the checks, bool[n] by its name; what is not finite fails."""
-        return {
-            "joint limits": ~(jnp.max(self.excess, axis=-1) <= 0),
-            "feet slide": ~(self.slide <= self.most_slide[..., None]),
-            "below the floor": ~(self.depth <= self.most_depth[..., None]),
-        }
+        return _faults(jnp, *self._measures)
 
     @property
     def accepted(self) -> Bool[Array, "*batch variation"]:
         """Which fail none of them, bool[n]."""
         return ~jnp.any(jnp.stack(list(self.faults.values())), axis=0)
+
+    @property
+    def _measures(self) -> tuple:
+        return self.excess, self.slide, self.depth, self.most_slide, self.most_depth
 
     def __len__(self) -> int:
         return self.alpha.shape[0]
@@ -98,5 +99,15 @@ class Variations(Portable):
     def _words(self) -> Iterator[str]:
         yield some(len(self), "variation")
         yield some(self.motions.rotations.shape[1], "frame")
-        if not traced(self.accepted):
-            yield f"{int(np.sum(self.accepted))} accepted"
+        if not traced(self._measures):
+            found = _faults(np, *map(np.asarray, self._measures))
+            yield f"{int(np.sum(~np.any(list(found.values()), axis=0)))} accepted"
+
+
+def _faults(on: Any, excess, slide, depth, most_slide, most_depth) -> dict[str, Any]:
+    """``on``: JAX's NumPy, or NumPy, which compiles nothing."""
+    return {
+        "joint limits": ~(on.max(excess, axis=-1) <= 0),
+        "feet slide": ~(slide <= most_slide[..., None]),
+        "below the floor": ~(depth <= most_depth[..., None]),
+    }
