@@ -33,6 +33,7 @@ __version__ = "0.1.0"
 _MODULES = (
     "cleaning",
     "contacts",
+    "corpus",
     "displacement",
     "io",
     "layers",
@@ -81,6 +82,7 @@ if TYPE_CHECKING:
     from jaxmotion import (
         cleaning,
         contacts,
+        corpus,
         displacement,
         io,
         layers,
@@ -130,6 +132,7 @@ __all__ = [
     "cleaning",
     "concatenate",
     "contacts",
+    "corpus",
     "decompose",
     "denoise",
     "displacement",
