@@ -26,6 +26,7 @@ from jaxmotion import (
     axes,
     cleaning,
     contacts,
+    corpus,
     displacement,
     kinematics,
     linalg,
@@ -139,6 +140,20 @@ def compressed() -> multiresolution.CompressedMotion:
     )
 
 
+@functools.cache
+def clips() -> corpus.Corpus:
+    return corpus.Corpus({"walk": motion(), "run": motion()[4:]})
+
+
+def usual() -> corpus.CorpusStatistics:
+    numbers = (zeros(JOINTS, 4), zeros(JOINTS, 3, 3), zeros(JOINTS, 3), zeros(JOINTS, 3))
+    counts = zeros(JOINTS, 3, 512, dtype=np.int64)
+    return corpus.CorpusStatistics(
+        *(motion().skeleton.names, 2, 44, zeros(2, dtype=np.int32), zeros(), *numbers, counts),
+        *(zeros(JOINTS), *(zeros(JOINTS, 3) for _ in range(4))),
+    )
+
+
 PEAK = metrics.Peak(0.123456789, 12, "LeftFoot", 0.01234567, 0.1)
 
 _MAKERS: dict[str, Callable[[], Any]] = {
@@ -246,6 +261,10 @@ _MAKERS: dict[str, Callable[[], Any]] = {
     "Problem": lambda: metrics.Problem(
         "spike", "LeftFoot turns by 45 degrees and back within a frame", 12, 13, "LeftFoot"
     ),
+    "Corpus": clips,
+    "WindowSource": lambda: clips().window_source(8),
+    "Batches": lambda: clips().windows(8, batch=2),
+    "CorpusStatistics": usual,
     "BandedFactor": lambda: linalg.BandedFactor(zeros(FRAMES, 1), zeros(FRAMES)),
     "BlockBandedFactor": lambda: linalg.BlockBandedFactor(
         zeros(FRAMES, 1, 3, 3), zeros(FRAMES, 3, 3)

@@ -51,10 +51,9 @@ _SMALLEST = 16
 class Corpus(Sequence[Motion]):
     """Many clips as one value: of one skeleton, at one rate, read when they are asked for.
 
-    ``corpus[i]`` is a :class:`~jaxmotion.Motion` whose arrays are NumPy's, read-only, and lie in a
-    file that is mapped into memory; ``corpus[2:5]`` is a corpus of some. Pickled, a corpus takes
-    along where its clips are and no clip: another process on the same machine opens the files
-    again.
+    ``corpus[i]`` is a :class:`~jaxmotion.Motion`, as :func:`jaxmotion.load` gives it;
+    ``corpus[2:5]`` is a corpus of some. Pickled, a corpus takes along where its clips are and no
+    clip: another process on the same machine opens the files again.
 
     **Arguments:**
 
@@ -89,7 +88,7 @@ class Corpus(Sequence[Motion]):
         >>> takes = {name: jm.samples.load(name).motion for name in ("walk", "run", "kick")}
         >>> corpus = jm.corpus.Corpus(takes, fps=30)
         >>> corpus.names, corpus.lengths.tolist(), corpus[0].rotations.shape
-        (('walk', 'run', 'kick'), [120, 120, 120], (120, 22, 4))
+        (('walk', 'run', 'kick'), [120, 120, 75], (120, 22, 4))
         >>> train, test = corpus.split([2 / 3, 1 / 3], seed=0)
         >>> for batch in train.windows(16, batch=4, seed=0):
         ...     assert batch.rotations.shape[1:] == (16, 22, 4)
@@ -97,7 +96,7 @@ class Corpus(Sequence[Motion]):
         (22, 4)
     """
 
-    _fields = ()
+    _fields = ("fps",)
 
     def __init__(
         self,
@@ -118,12 +117,13 @@ class Corpus(Sequence[Motion]):
             joints = [joints]
         inputs = inputs_of(clips)
         given = None if skeleton is None else skeleton_of("Corpus", skeleton)
-        settings = settings_of(inputs, seconds_of(fps, "Corpus"), given, joints, dtype, up)
+        rate, skip = seconds_of(fps, "Corpus"), on_error == "skip"
+        settings = settings_of(inputs, rate, given, joints, dtype, up, skip)
         if extra_joints == "drop":
             settings = settings._replace(may_drop=None)
         store = Store(inputs, settings, None if cache is None else Path(cache))
         self._view = View(store, np.arange(len(inputs)))
-        if on_error == "skip":
+        if skip:
             self._view = _sound(self._view)
 
     @classmethod

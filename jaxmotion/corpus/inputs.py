@@ -29,6 +29,10 @@ Clips: TypeAlias = (
 )
 
 
+class LeftBehind(ValueError):
+    """A motion that did not travel with a pickled corpus."""
+
+
 class FileInput:
     """A clip in a file."""
 
@@ -54,20 +58,23 @@ class MotionInput:
     """A clip in memory."""
 
     def __init__(self, name: str, motion: Motion):
-        self.name, self.motion = name, motion
+        self.name = name
+        self.motion: Motion | None = motion
         self._identity: str | None = None
 
     def identity(self) -> str:
-        if self._identity is None:
+        if self._identity is None and self.motion is not None:
             seen = hashlib.blake2b(repr(_static(self.motion)).encode(), digest_size=16)
             for x in jax.tree.leaves(self.motion):
                 array = np.ascontiguousarray(x)
                 seen.update(f"{array.dtype}{array.shape}".encode())
                 seen.update(array.tobytes())
             self._identity = seen.hexdigest()
-        return self._identity
+        return self._identity or ""
 
     def read(self, dtype, up: Up | None) -> Motion:
+        if self.motion is None:
+            raise LeftBehind("the motion was left behind when the corpus was pickled")
         return self.motion
 
     def __getstate__(self):

@@ -37,7 +37,7 @@ def corpus_style(view: "View") -> MotionStyle:
     stands, square, turned, steps, rows = None, 0.0, 0.0, 0, []
     smallest = np.zeros(6)
     for k in range(len(view.numbers)):
-        clip = jax.tree.map(jax.device_put, view.motion(k))
+        clip = view.motion(k)
         room = room_for(clip, longest=np.inf)
         clip = room.fill(clip)
         if stands is None:

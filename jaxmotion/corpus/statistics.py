@@ -137,7 +137,7 @@ def corpus_statistics(view: "View") -> CorpusStatistics:
         clips=len(lengths),
         frames=int(lengths.sum()),
         lengths=jnp.asarray(lengths.astype(np.int32)),
-        frame_time=view.seconds,
+        frame_time=jnp.asarray(view.frame_time),
         turn_counts=sums.counts,  # pyright: ignore[reportArgumentType]
         **fields,
     )

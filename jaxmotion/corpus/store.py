@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxmotion._plain import printable, quoted
-from jaxmotion.corpus.inputs import FileInput, Input
+from jaxmotion.corpus.inputs import FileInput, Input, LeftBehind
 from jaxmotion.corpus.matching import in_numpy, matched, reduced
 from jaxmotion.corpus.shards import VERSION, Clip, DamagedShard, Row, Shard, write_shard
 from jaxmotion.io.atomic import atomic_write, remove_abandoned
@@ -79,22 +79,19 @@ class Store:
     def __init__(self, inputs: Sequence[Input], settings: Settings, folder: Path | None):
         self.inputs, self.settings = list(inputs), settings
         self.names = tuple(x.name for x in self.inputs)
-        if folder is None:
-            folder = Path(tempfile.mkdtemp(prefix="jaxmotion-corpus-"))
-            weakref.finalize(self, _removed, folder, os.getpid())
-        else:
-            folder.mkdir(parents=True, exist_ok=True)
-            remove_abandoned(folder)
-        self.folder = Path(os.path.abspath(folder))
+        self._lent = _Temporary() if folder is None else None
+        self.folder = Path(os.path.abspath(self._lent.folder if self._lent else str(folder)))
+        self.folder.mkdir(parents=True, exist_ok=True)
+        remove_abandoned(self.folder)
         self.groups = _grouped(self.inputs)
         self._open: OrderedDict[int, Shard] = OrderedDict()
 
     def __getstate__(self) -> dict[str, Any]:
         self.build()
-        return {k: x for k, x in vars(self).items() if k != "_open"} | {"files": self.files}
+        return {k: x for k, x in vars(self).items() if k not in ("_open", "_lent")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        vars(self).update(state, _open=OrderedDict())
+        vars(self).update(state, _open=OrderedDict(), _lent=_folders.get(str(state["folder"])))
 
     @cached_property
     def identities(self) -> list[str]:
@@ -220,12 +217,10 @@ class Store:
         of_file = isinstance(source, FileInput)
         try:
             motion = source.read(wanted.dtype if of_file else None, wanted.up)
-            if motion is None:
-                raise ValueError("the motion was left behind when the corpus was pickled")
             return self._brought(source.name, motion)
+        except LeftBehind:
+            raise
         except ValueError as error:
-            if not of_file and source.motion is None:
-                raise
             text = f"clip {quoted(source.name, 200)}: {error}"
             return Row(source.name, fault=printable(text))
 
@@ -262,13 +257,13 @@ def settings_of(
     joints: Sequence[str] | None,
     dtype: Any,
     up: Up | None,
+    skip: bool,
 ) -> Settings:
-    """What every clip is brought to, of which the first decides what is not given."""
-    first = inputs[0]
+    """What every clip is brought to, of which the first decides what is not given; ``skip``: the
+    first that can be read."""
     cast = dtype is not None
-    of_file = isinstance(first, FileInput)
-    wanted = float_type(dtype) if cast or of_file else None
-    motion = first.read(wanted, up)
+    wanted = float_type(dtype) if cast else None
+    motion = _first(inputs, wanted, up, skip)
     kind = np.dtype(motion.dtype) if wanted is None else wanted
     whole = motion.skeleton if given is None else given
     skeleton = whole if joints is None else reduced(whole, joints)
@@ -287,6 +282,18 @@ def settings_of(
     )
 
 
+def _first(inputs: Sequence[Input], dtype: np.dtype | None, up: Up | None, skip: bool) -> Motion:
+    why = None
+    for source in inputs:
+        try:
+            return source.read(dtype or float_type(), up)
+        except ValueError as error:
+            if not skip:
+                raise
+            why = why or error
+    raise ValueError(f"Corpus: none of the clips can be used: {why}")
+
+
 def _grouped(inputs: Sequence[Input]) -> list[tuple[int, int]]:
     """First clip, and that after the last, of every shard."""
     found, start, size = [], 0, 0
@@ -303,6 +310,18 @@ def _grouped(inputs: Sequence[Input]) -> list[tuple[int, int]]:
     return found
 
 
-def _removed(folder: Path, owner: int) -> None:
+class _Temporary:
+    """A folder that goes when no store of this process has it."""
+
+    def __init__(self):
+        self.folder = tempfile.mkdtemp(prefix="jaxmotion-corpus-")
+        weakref.finalize(self, _removed, self.folder, os.getpid())
+        _folders[os.path.abspath(self.folder)] = self
+
+
+_folders: weakref.WeakValueDictionary[str, _Temporary] = weakref.WeakValueDictionary()
+
+
+def _removed(folder: str, owner: int) -> None:
     if os.getpid() == owner:  # and not a process that was forked from it
         shutil.rmtree(folder, ignore_errors=True)

@@ -7,14 +7,15 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxmotion._checks import has_type
 from jaxmotion.corpus.shards import Clip
 from jaxmotion.corpus.store import Store
 from jaxmotion.motion import Motion
 
 
 class View:
-    """Clips of a store, by ``numbers`` i64[C]. Nothing of it is JAX's but for :attr:`seconds`, so
-    that it is safe in a process that was forked."""
+    """Clips of a store, by ``numbers`` i64[C]. Nothing of it is JAX's but for what :meth:`motion`
+    gives, so that windows are safe in a process that was forked."""
 
     def __init__(self, store: Store, numbers: np.ndarray):
         self.store, self.numbers = store, numbers
@@ -46,20 +47,16 @@ class View:
         return self.store.clip(int(self.numbers[k]))
 
     @cached_property
-    def seconds(self) -> jax.Array:
-        """The frame time, JAX's."""
-        return jax.device_put(self.frame_time)
-
-    @cached_property
     def frame_time(self) -> np.ndarray:
         settings = self.store.settings
         return np.asarray(settings.frame_time, settings.dtype)
 
     def motion(self, k: int) -> Motion:
-        """A clip, whose rotations and bones lie in the file."""
+        """A clip, of JAX's arrays, or of NumPy's where JAX has none of that dtype."""
         clip = self.clip(k)
-        arrays = (clip.offsets, clip.ends, clip.translations(), clip.rotations)
-        return self.assembled((*arrays, self.seconds), clip.translated)
+        arrays = (clip.offsets, clip.ends, clip.translations(), clip.rotations, self.frame_time)
+        arrays = jax.device_put(arrays) if has_type(self.frame_time.dtype) else arrays
+        return self.assembled(arrays, clip.translated)
 
     def windows(self, clips: Iterable[Any], starts: Iterable[Any], frames: int) -> list[np.ndarray]:
         """Offsets, end offsets, translations, rotations and frame times of ``frames`` from each of

@@ -17,7 +17,7 @@ too.
 import operator
 from collections.abc import Iterator, Sequence
 from itertools import islice
-from typing import Any, Protocol
+from typing import Any
 
 import jax
 import numpy as np
@@ -29,100 +29,6 @@ from jaxmotion.corpus.prefetch import prefetched
 from jaxmotion.corpus.view import View
 from jaxmotion.frames.padding import bucket_size
 from jaxmotion.motion import Motion
-
-
-class Source(Protocol):
-    """What batches are made of."""
-
-    def chunks(
-        self, batch: int, rng: np.random.Generator | None, drop_last: bool
-    ) -> Iterator[np.ndarray]:
-        """The indices of every batch of an epoch, in random order if there is ``rng``."""
-        ...
-
-    def batches_an_epoch(self, batch: int, drop_last: bool) -> int:
-        """How many there are."""
-        ...
-
-    def gather(self, indices: Any) -> Any:
-        """The batch of these indices."""
-        ...
-
-
-class Batches:
-    """Batches of a corpus, an iterable that starts anew each time: of windows each is a motion, of
-    whole clips a motion and the lengths of its clips.
-
-    ``len()`` tells how many. A ``for`` loop that is left early ends the thread that makes them; the
-    iterator can be closed too.
-
-    **Fields:** ``source``: what they are made of; ``batch``: how many in one; ``epochs``, None for
-    endless; ``shuffle``, ``drop_last``, ``prefetch``, ``device``, ``start``: as they were given.
-    """
-
-    _fields = ("source", "batch", "epochs", "shuffle")
-
-    def __init__(
-        self,
-        source: Source,
-        batch: int,
-        *,
-        shuffle: bool = True,
-        seed: int | Key = 0,
-        drop_last: bool = False,
-        epochs: int | None = 1,
-        prefetch: int = 2,
-        device: Any = None,
-        start: int = 0,
-    ):
-        self.source, self.shuffle, self.drop_last, self.device = source, shuffle, drop_last, device
-        self.batch = _whole("batch", batch, 1)
-        self.epochs = None if epochs is None else _whole("epochs", epochs, 1)
-        self.prefetch, self.start = _whole("prefetch", prefetch, 0), _whole("start", start, 0)
-        self._entropy = entropy_of("batches", seed)
-        self._each = source.batches_an_epoch(self.batch, drop_last)
-        if not self._each:
-            raise ValueError(
-                f"batches: batch={batch} and drop_last leave none of {source!r}; give a smaller one"
-            )
-
-    def __len__(self) -> int:
-        """How many batches there are, in all epochs.
-
-        **Raises:** ``TypeError`` if they are endless.
-        """
-        if self.epochs is None:
-            raise TypeError("batches: epochs=None is endless, and has no length")
-        return max(self.epochs * self._each - self.start, 0)
-
-    def __iter__(self) -> Iterator[Any]:
-        return prefetched(self._made, self.prefetch)
-
-    def _made(self) -> Iterator[Any]:
-        for indices in self._indices():
-            found = self.source.gather(indices)
-            yield found if self.device is None else jax.device_put(found, self.device)
-
-    def _indices(self) -> Iterator[np.ndarray]:
-        epoch, skipped = divmod(self.start, self._each)
-        while self.epochs is None or epoch < self.epochs:
-            rng = generator(self._entropy, epoch) if self.shuffle else None
-            yield from islice(self.source.chunks(self.batch, rng, self.drop_last), skipped, None)
-            epoch, skipped = epoch + 1, 0
-
-    def __eq__(self, other) -> bool:
-        return isinstance(other, Batches) and vars(self) == vars(other)
-
-    def __hash__(self) -> int:
-        return hash((self.source, self.batch, self.epochs, self._entropy))
-
-    def __repr__(self) -> str:
-        return line(self, self._words)
-
-    def _words(self) -> Iterator[str]:
-        yield f"{some(self._each, 'batch').replace('batchs', 'batches')} of {self.batch}"
-        yield "endless" if self.epochs is None else some(self.epochs, "epoch")
-        yield repr(self.source)
 
 
 class WindowSource(Sequence[Motion]):
@@ -187,7 +93,7 @@ class WindowSource(Sequence[Motion]):
         prefetch: int = 2,
         device: Any = None,
         start: int = 0,
-    ) -> Batches:
+    ) -> "Batches":
         """The windows in batches; :meth:`Corpus.windows` says what the arguments are.
 
         **Arguments:** ``batch``, ``shuffle``, ``seed``, ``drop_last``, ``epochs``, ``prefetch``,
@@ -246,7 +152,7 @@ class WindowSource(Sequence[Motion]):
 class PaddedClips:
     """Whole clips, by number, of which those of one bucket can be a batch."""
 
-    _fields = ()
+    _fields = ("smallest",)
 
     def __init__(self, view: View, smallest: int):
         self._view = view
@@ -295,6 +201,82 @@ class PaddedClips:
         sizes = np.unique(self.buckets).tolist()
         yield some(len(self.buckets), "clip")
         yield f"padded to {', '.join(map(str, sizes[:6]))}{', …' * (len(sizes) > 6)} frames"
+
+
+class Batches:
+    """Batches of a corpus, an iterable that starts anew each time: of windows each is a motion, of
+    whole clips a motion and the lengths of its clips.
+
+    ``len()`` tells how many. A ``for`` loop that is left early ends the thread that makes them; the
+    iterator can be closed too.
+
+    **Fields:** ``source``: what they are made of; ``batch``: how many in one; ``epochs``, None for
+    endless; ``shuffle``, ``drop_last``, ``prefetch``, ``device``, ``start``: as they were given.
+    """
+
+    _fields = ("source", "batch", "epochs", "shuffle")
+
+    def __init__(
+        self,
+        source: "WindowSource | PaddedClips",
+        batch: int,
+        *,
+        shuffle: bool = True,
+        seed: int | Key = 0,
+        drop_last: bool = False,
+        epochs: int | None = 1,
+        prefetch: int = 2,
+        device: Any = None,
+        start: int = 0,
+    ):
+        self.source, self.shuffle, self.drop_last, self.device = source, shuffle, drop_last, device
+        self.batch = _whole("batch", batch, 1)
+        self.epochs = None if epochs is None else _whole("epochs", epochs, 1)
+        self.prefetch, self.start = _whole("prefetch", prefetch, 0), _whole("start", start, 0)
+        self._entropy = entropy_of("batches", seed)
+        self._each = source.batches_an_epoch(self.batch, drop_last)
+        if not self._each:
+            raise ValueError(
+                f"batches: batch={batch} and drop_last leave none of {source!r}; give a smaller one"
+            )
+
+    def __len__(self) -> int:
+        """How many batches there are, in all epochs.
+
+        **Raises:** ``TypeError`` if they are endless.
+        """
+        if self.epochs is None:
+            raise TypeError("batches: epochs=None is endless, and has no length")
+        return max(self.epochs * self._each - self.start, 0)
+
+    def __iter__(self) -> Iterator[Any]:
+        return prefetched(self._made, self.prefetch)
+
+    def _made(self) -> Iterator[Any]:
+        for indices in self._indices():
+            found = self.source.gather(indices)
+            yield found if self.device is None else jax.device_put(found, self.device)
+
+    def _indices(self) -> Iterator[np.ndarray]:
+        epoch, skipped = divmod(self.start, self._each)
+        while self.epochs is None or epoch < self.epochs:
+            rng = generator(self._entropy, epoch) if self.shuffle else None
+            yield from islice(self.source.chunks(self.batch, rng, self.drop_last), skipped, None)
+            epoch, skipped = epoch + 1, 0
+
+    def __eq__(self, other) -> bool:
+        return isinstance(other, Batches) and vars(self) == vars(other)
+
+    def __hash__(self) -> int:
+        return hash((self.source, self.batch, self.epochs, self._entropy))
+
+    def __repr__(self) -> str:
+        return line(self, self._words)
+
+    def _words(self) -> Iterator[str]:
+        yield f"{some(self._each, 'batch').replace('batchs', 'batches')} of {self.batch}"
+        yield "endless" if self.epochs is None else some(self.epochs, "epoch")
+        yield repr(self.source)
 
 
 def boxed(thing: Any) -> np.ndarray:
