@@ -49,15 +49,16 @@ class DamagedShard(Exception):
 
 
 class Clip(NamedTuple):
-    """A clip as a shard holds it: ``rotations`` f[T, J, 4], ``moved`` f[T, M, 3] of ``joints``,
-    ``rest`` f[J, 3], ``offsets`` f[J, 3], ``ends`` f[E, 3], ``translated`` joints."""
+    """A clip as a shard holds it: ``rotations`` f[T, J, 4], ``moved`` f[T, M, 3] of ``joints``
+    (a slice where they are neighbours), ``rest`` f[J, 3], ``offsets`` f[J, 3], ``ends`` f[E, 3],
+    ``translated`` joints."""
 
     rotations: np.ndarray
     moved: np.ndarray
     rest: np.ndarray
     offsets: np.ndarray
     ends: np.ndarray
-    joints: np.ndarray
+    joints: np.ndarray | slice
     translated: tuple[int, ...]
 
     def translations(self, frames: slice = slice(None)) -> np.ndarray:
@@ -169,7 +170,7 @@ class Shard:
             self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         try:
             self.clips: list[dict[str, Any]] = header["clips"]
-            self.joints = np.array(header["joints"], np.intp)
+            self.joints = [int(j) for j in header["joints"]]
             arrays = {name: self._array(header["arrays"][name]) for name in (*_LONG, *_SMALL)}
             self.crcs = [clip["crc"] for clip in self.clips]
             for name in _SMALL:
@@ -179,6 +180,9 @@ class Shard:
             raise DamagedShard(f"{self.path} has a header that does not fit ({error})") from error
         self.rotations, self.moved = (arrays[name] for name in _LONG)
         self.rest, self.offsets, self.ends, self.moments = (arrays[name] for name in _SMALL)
+        run = range(min(self.joints, default=0), max(self.joints, default=-1) + 1)
+        alone = self.joints != list(run)
+        self._columns = np.array(self.joints, np.intp) if alone else slice(run.start, run.stop)
         self._sound: set[int] = set()
 
     def clip(self, number: int) -> Clip:
@@ -194,7 +198,7 @@ class Shard:
                 raise DamagedShard(f"{self.path} is damaged in clip {number}, {about['name']}")
             self._sound.add(number)
         small = (self.rest[number], self.offsets[number], self.ends[number])
-        return Clip(q, moved, *small, self.joints, tuple(about["translated"]))
+        return Clip(q, moved, *small, self._columns, tuple(about["translated"]))
 
     def _array(self, about: dict[str, Any]) -> np.ndarray:
         kind = np.dtype(about["dtype"])

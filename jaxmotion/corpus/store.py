@@ -17,6 +17,7 @@ import os
 import shutil
 import tempfile
 import weakref
+from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -120,7 +121,7 @@ class Store:
     @cached_property
     def moving(self) -> tuple[int, ...]:
         """Joints that are translated in one of the clips."""
-        joints = {int(j) for g in range(len(self.groups)) for j in self.shard(g).joints}
+        joints = {j for g in range(len(self.groups)) for j in self.shard(g).joints}
         return tuple(sorted(joints))
 
     def build(self, progress: Callable[[int, int], None] | None = None) -> None:
@@ -154,7 +155,7 @@ class Store:
 
     def place(self, number: int) -> tuple[int, int]:
         """Which shard a clip is in, and the how manieth of it."""
-        group = int(np.searchsorted(self._ends, number, side="right"))
+        group = bisect_right(self._ends, number)
         return group, number - self.groups[group][0]
 
     def shard(self, group: int) -> Shard:
@@ -174,8 +175,8 @@ class Store:
         return found
 
     @cached_property
-    def _ends(self) -> np.ndarray:
-        return np.array([stop for _, stop in self.groups])
+    def _ends(self) -> list[int]:
+        return [stop for _, stop in self.groups]
 
     def _sound(self, group: int, row: int) -> Clip:
         shard = self.shard(group)
