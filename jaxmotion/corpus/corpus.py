@@ -21,7 +21,7 @@ import operator
 from collections.abc import Callable, Iterator, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, SupportsIndex, TypeAlias, overload
 
 import numpy as np
 
@@ -225,6 +225,15 @@ class Corpus(Sequence[Motion]):
             raise ValueError(f"split: part {which}, {share[which]:.3g} of {clips}, is empty")
         return tuple(self.subset(np.sort(part)) for part in parts)
 
+    def shards(self) -> tuple["Corpus", ...]:
+        """The corpus in parts, each of the clips that lie in one file of the cache: for workers
+        that take a part each, as nothing is read for it and a part can be pickled.
+
+        **Returns:** a corpus for each file, its clips in their order here.
+        """
+        places = np.array([self._view.store.place(k)[0] for k in self._view.numbers.tolist()])
+        return tuple(self.subset(places == group) for group in dict.fromkeys(places.tolist()))
+
     def windows(
         self,
         length: int,
@@ -316,7 +325,15 @@ class Corpus(Sequence[Motion]):
     def __len__(self) -> int:
         return len(self._view.numbers)
 
-    def __getitem__(self, index):
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> Motion:
+        """A clip."""
+
+    @overload
+    def __getitem__(self, index: slice) -> "Corpus":
+        """Some of the clips."""
+
+    def __getitem__(self, index: SupportsIndex | slice) -> "Motion | Corpus":
         """A clip by its number, or a corpus of those in a slice."""
         if isinstance(index, slice):
             return self.subset(np.arange(len(self))[index])

@@ -8,7 +8,8 @@ are written whole or not at all (:mod:`jaxmotion.io.atomic`): processes that mak
 the same time write the same bytes, the last of them stays, and one that was killed leaves the
 shards it had done.
 
-A store that is pickled takes along where the shards are, and no clip.
+A store that is pickled takes along where files and shards are, and no clip: motions in memory are
+put into shards first.
 """
 
 import hashlib
@@ -88,7 +89,9 @@ class Store:
         self._open: OrderedDict[int, Shard] = OrderedDict()
 
     def __getstate__(self) -> dict[str, Any]:
-        self.build()
+        if not all(isinstance(x, FileInput) for x in self.inputs):
+            self.build()
+        self.files  # noqa: B018  as the inputs are now
         return {k: x for k, x in vars(self).items() if k not in ("_open", "_lent")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

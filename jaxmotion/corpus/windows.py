@@ -9,9 +9,11 @@ decide: permutations are NumPy's, 4 bytes a window. Batches are made in a thread
 step runs, by copying rows of files that are mapped into memory: O(frames of the batch).
 
 Everything here is NumPy's and can be pickled: a process that gets it opens the files again, and no
-clip travels. So a :class:`WindowSource` is a random-access source for grain, and a map-style
-dataset for ``torch.utils.data.DataLoader`` (``collate_fn=source.collate``), in worker processes
-too.
+clip travels. So other loaders take a :class:`WindowSource`, with worker processes too (grain's want
+``absl.flags.FLAGS([""])`` before; torch's, ``multiprocessing_context="spawn"``, or JAX warns):
+
+    grain.MapDataset.source(source).shuffle(seed=0).batch(32)
+    torch.utils.data.DataLoader(source, 32, shuffle=True, collate_fn=source.collate)
 """
 
 import operator
@@ -59,7 +61,7 @@ class WindowSource(Sequence[Motion]):
     def __len__(self) -> int:
         return int(self._ends[-1])
 
-    def __getitem__(self, index):
+    def __getitem__(self, index) -> Motion:
         number = operator.index(index)
         if not -len(self) <= number < len(self):
             raise IndexError(f"window {number} of {len(self)}")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.corpus import Corpus
+from jaxmotion.corpus import Corpus, store
 from tests.corpus.clips import assert_same_clip, clip, several
 from tests.helpers import no_shape_checks
 
@@ -111,11 +111,24 @@ def test_subsets(corpus):
     assert corpus[1:3].names == corpus.subset([1, 2]).names == ("take 1", "take 2")
     assert corpus[1:3][-1:].names == ("take 2",)
     assert_same_clip(corpus.subset([3, 0])[1], corpus[0])
+    assert corpus.subset([3, 0]).lengths.tolist() == [5, 40]
     assert corpus.subset([3, 0]) != corpus.subset([0, 3])
     assert corpus.subset([-1]) == corpus[4:]
     for wrong in ([], [5], [0.5], [[1]], "take 1"):
         with pytest.raises(ValueError, match="subset: indices="):
             corpus.subset(wrong)
+
+
+def test_parts_by_shard(monkeypatch):
+    monkeypatch.setattr(store, "_MOST", 2)
+    made = Corpus(several())
+    assert [part.names for part in made.shards()] == [
+        ("take 0", "take 1"),
+        ("take 2", "take 3"),
+        ("take 4",),
+    ]
+    assert [len(part) for part in made.subset([4, 1, 0]).shards()] == [1, 2]
+    assert made.subset([4, 1, 0]).shards()[1].names == ("take 1", "take 0")
 
 
 def test_selections(corpus):

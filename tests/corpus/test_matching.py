@@ -77,6 +77,8 @@ def test_what_hangs_from_a_dropped_joint_stays_in_the_world(kept, parents):
         got = brought(motion, skeleton, may_drop)
         assert_where_it_was(got, motion)
         assert 0 in got.translated_joints
+        bones = matched(motion, skeleton, may_drop).offsets
+        np.testing.assert_allclose(bones, skeleton.offsets, 1e-12)
     if "Chest" in kept[1:]:
         assert kept.index("Chest") in got.translated_joints
 

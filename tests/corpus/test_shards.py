@@ -77,8 +77,12 @@ def test_the_same_rows_give_the_same_bytes(tmp_path):
 def test_a_shard_that_was_cut_off_is_found_out(tmp_path, cut):
     path = tmp_path / "a"
     written(path)
-    path.write_bytes(path.read_bytes()[:cut])
+    whole = path.read_bytes()
+    path.write_bytes(whole[:cut])
     with pytest.raises(DamagedShard):
+        Shard(path)
+    path.write_bytes(whole + b"more")
+    with pytest.raises(DamagedShard, match="it was written with"):
         Shard(path)
 
 

@@ -210,6 +210,14 @@ def test_pickled_no_clip_travels(files, cache):
         assert_same_clip(back[2], corpus[2])
 
 
+def test_pickled_before_it_was_read_a_corpus_reads_files_elsewhere(files, cache):
+    corpus = Corpus(files, cache=cache)
+    back = pickle.loads(pickle.dumps(corpus[2:4]))
+    assert not shards(cache)
+    assert_same_clip(back[0], jm.load(files / "take 2.npz"))
+    assert len(shards(cache)) == 1
+
+
 _WRITER = """
 import sys
 from jaxmotion.corpus import Corpus, store

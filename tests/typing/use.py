@@ -57,6 +57,19 @@ def analyse(motion: jm.Motion) -> jm.Motion:
     return multiresolution.scale_details(pyramid, [1.0, 1.5, 0.5])
 
 
+def train(folder: Path) -> Array:
+    corpus = jm.corpus.Corpus(folder, fps=30)
+    assert_type(corpus[0], jm.Motion)
+    assert_type(corpus[1:], jm.corpus.Corpus)
+    train, _ = corpus.split([0.9, 0.1])
+    assert_type(train, jm.corpus.Corpus)
+    assert_type(corpus.statistics().limits(), spacetime.JointLimits)
+    prior = smoothing.motion_prior(train)
+    for batch in train.windows(64, 32, shuffle=True, seed=0):
+        jax.vmap(lambda clip: jm.forward_kinematics(clip).positions)(batch)
+    return jnp.asarray(prior.covariance)
+
+
 def wrong(motion: jm.Motion) -> None:
     jm.denoise(motion, method="exact")  # pyright: ignore[reportArgumentType]
     jm.load(motion)  # pyright: ignore[reportArgumentType]
