@@ -60,7 +60,8 @@ class Corpus(Sequence[Motion]):
     - ``clips``: a folder, of which all motion files are taken, and those of folders below it; or
       files and motions, in a list, or in a dictionary by name.
     - ``fps``: frames a second of the corpus; clips at another rate are resampled
-      (:func:`jaxmotion.resample`). By default that of the first clip, which all must have.
+      (:func:`jaxmotion.resample`, without smoothing), those at it to a rounding stay as they are.
+      By default that of the first clip, which all must have.
     - ``cache``: a folder for what was read; by default a temporary one, gone with the corpus.
     - ``skeleton``: the corpus's, or a motion that has it; by default the first clip's. Joints are
       found by name, in any order, and must hang together alike; the bones' lengths are each clip's

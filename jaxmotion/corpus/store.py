@@ -210,6 +210,7 @@ class Store:
                     "make it again"
                 )
         skeleton = self.settings.skeleton
+        self.folder.mkdir(parents=True, exist_ok=True)  # whoever emptied the cache
         with atomic_write(self.files[group]) as file:
             write_shard(
                 file, rows, skeleton.num_joints, len(skeleton.end_joints), self.settings.dtype

@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import shutil
 import subprocess
 import sys
 
@@ -62,6 +63,15 @@ def test_what_was_read_once_is_not_read_again(files, cache, monkeypatch):
     assert again == corpus
     assert hash(again) == hash(corpus)
     assert shards(cache) == made
+
+
+def test_a_cache_that_is_removed_is_made_again(files, cache):
+    corpus = Corpus(files, cache=cache)
+    first = corpus[0]
+    shutil.rmtree(cache)
+    assert_same_clip(corpus[0], first)  # mapped still
+    assert_same_clip(corpus[4], jm.load(files / "take 4.npz"))
+    assert len(shards(cache)) == 1
 
 
 def test_only_what_is_asked_for_is_read(files, cache):
@@ -232,28 +242,37 @@ if len(sys.argv) > 3:
             os._exit(9)
         return atomic(path, **more)
     store.atomic_write = dies
+print("ready", flush=True)
 sys.stdin.readline()
-Corpus(sys.argv[1], cache=sys.argv[2]).build()
+for _ in range(1 if len(sys.argv) > 3 else 50):
+    corpus = Corpus(sys.argv[1], cache=sys.argv[2])
+    corpus.build()
+    assert len(corpus[3]) == 5
 """
 
 
 def writer(*args):
     command = [sys.executable, "-c", _WRITER, *map(str, args)]
     # The tests may have x64 on, which is part of what shards are named by; npz files keep theirs.
-    return subprocess.Popen(
-        command, stdin=subprocess.PIPE, env=os.environ | {"JAX_ENABLE_X64": "1"}, text=True
-    )
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, env=os.environ | {"JAX_ENABLE_X64": "1"}, **pipes)
 
 
 def test_two_processes_write_one_cache_and_a_killed_one_is_gone_on_with(files, cache, tmp_path):
-    killed = writer(files, cache, 1)
-    both = [writer(files, tmp_path / "both") for _ in range(2)]
-    for process in (killed, *both):
+    both = tmp_path / "both"
+    killed, other = writer(files, cache, 1), writer(files, both)
+    assert other.stdout.readline() == "ready\n"
+    for process in (killed, other):
         process.stdin.write("go\n")
-        process.stdin.flush()
-    for process in (killed, *both):
         process.stdin.close()
-    assert [process.wait(120) for process in (killed, *both)] == [9, 0, 0]
+    while other.poll() is None:  # here at the same time, over and over
+        corpus = Corpus(files, cache=both)
+        corpus.build()
+        assert_same_clip(corpus[4], jm.load(files / "take 4.npz"))
+        if other.poll() is None:
+            corpus._view.store.files[0].unlink(missing_ok=True)
+    Corpus(files, cache=both).build()
+    assert [process.wait(120) for process in (killed, other)] == [9, 0]
     left = shards(cache)
     assert sorted(name.endswith(".jmshard") for name in left) == [False, True]
     corpus = Corpus(files, cache=cache)
@@ -261,9 +280,9 @@ def test_two_processes_write_one_cache_and_a_killed_one_is_gone_on_with(files, c
     after = shards(cache)
     assert len(after) == 3
     assert after.items() >= {k: t for k, t in left.items() if k.endswith(".jmshard")}.items()
-    assert sorted(shards(tmp_path / "both")) == sorted(after)
+    assert sorted(shards(both)) == sorted(after)
     for name in after:
-        assert (cache / name).read_bytes() == (tmp_path / "both" / name).read_bytes()
+        assert (cache / name).read_bytes() == (both / name).read_bytes()
 
 
 def test_what_clips_may_be():
