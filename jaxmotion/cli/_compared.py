@@ -3,12 +3,14 @@
 Pages of players are made where the clips are known, in any process, and are written by the report.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from jaxmotion import Motion
 
 
@@ -53,14 +55,25 @@ def differing(first: "Motion", last: "Motion") -> dict[str, Any]:
         return {}
     if not metrics.difference(first, last).frames_changed:
         return {}
-    degrees = np.degrees(metrics.turn(first.rotations, last.rotations))
     places = (metrics.world_positions(x)[:, : len(names)] for x in (first, last))
-    curves = {
-        "turned, °": degrees,
-        "moved, length units": np.linalg.norm(np.subtract(*places), axis=-1),
+    distance = np.linalg.norm(np.subtract(*places), axis=-1)
+    return shown(names, metrics.turn(first.rotations, last.rotations), distance)
+
+
+def shown(
+    names: "Sequence[str]", angle: "np.ndarray", distance: "np.ndarray", *, seen: bool = True
+) -> dict[str, Any]:
+    """Curves for a player, f[T, J] in radians and length units, and the joints that turn most, if
+    that is ``seen``; joints of which nothing is known are NaN."""
+    import numpy as np
+
+    degrees = np.degrees(angle)
+    most = np.nan_to_num(degrees).max(axis=0)
+    order = np.argsort(-most, kind="stable")[:_PICKED]
+    return {
+        "curves": {"turned, °": degrees, "moved, length units": distance},
+        "picked": [names[j] for j in order if seen and most[j] > 0],
     }
-    most = np.argsort(-degrees.max(axis=0), kind="stable")[:_PICKED]
-    return {"curves": curves, "picked": [names[j] for j in most if degrees[:, j].any()]}
 
 
 def is_page(report: Path | None) -> bool:

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from jaxmotion import Motion
 
 _SHOWN = 12
-_PICKED = 3
 _RATES = 1e-5  # that rates may differ by
 
 _OF_JOINTS = (
@@ -234,24 +233,19 @@ def _page(
     """The player, and the tables."""
     import numpy as np
 
+    from jaxmotion.cli._compared import shown
     from jaxmotion.cli._page import PLAYER, document, listed, table_of
     from jaxmotion.viz import player
     from jaxmotion.viz.player.page import framed
 
-    names = names_of(list(paths))
-    at = [pair.first.skeleton.index(name) for name in pair.joints]
-    curves = {}
-    for title_of, values in (
-        ("turned, °", np.degrees(pair.angle)),
-        ("moved, length units", pair.distance),
-    ):
-        # What only one of them has is not known to be the same.
-        every = np.full((pair.first.num_frames, pair.first.num_joints), np.nan)
-        every[:, at] = values
-        curves[title_of] = every
-    clips = dict(zip(names, (pair.first, pair.second), strict=True))
-    most = [row["joint"] for row in by_joint[:_PICKED] if pair.seen]
-    page = player(clips, curves=curves, picked=most, title=title)
+    skeleton = pair.first.skeleton
+    at = [skeleton.index(name) for name in pair.joints]
+    # What only one of them has is not known to be the same.
+    angle, distance = np.full((2, pair.first.num_frames, skeleton.num_joints), np.nan)
+    angle[:, at], distance[:, at] = pair.angle, pair.distance
+    clips = dict(zip(names_of(list(paths)), (pair.first, pair.second), strict=True))
+    marks = shown(skeleton.names, angle, distance, seen=pair.seen)
+    page = player(clips, title=title, **marks)
     parts = [
         framed(page.html, PLAYER),
         listed(pair.notes),
