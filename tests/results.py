@@ -255,6 +255,9 @@ _MAKERS: dict[str, Callable[[], Any]] = {
         *(zeros(dtype=bool), zeros(dtype=np.int32), 8, 192),
     ),
     "ContactScores": lambda: metrics.ContactScores(0.987654321, 1.0),
+    "Mapped": lambda: corpus.Mapped(
+        "takes/walk.bvh", "out/walk.bvh", "failed", "ValueError: no feet", (), 0.123456789
+    ),
     "Player": lambda: viz.Player("<!doctype html>", ("before", "after"), FRAMES),
     "Difference": lambda: metrics.Difference(240, 33, PEAK, PEAK, PEAK, PEAK),
     "Peak": lambda: PEAK,

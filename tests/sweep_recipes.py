@@ -533,6 +533,8 @@ EXCEPTIONS = {
     "cleaning.reconstruct_sparse": "learned of concrete clips, on the host",
     "cleaning.sequence_distance": "a search among concrete clips, on the host",
     "cleaning.repair": "errors of concrete clips, on the host",
+    "corpus.local_client": "a connection",
+    "corpus.map": "files through a function of the caller's",
     "io.save": "writes the file that the recipe of io.load reads",
     "kinematics.mirrored_pairs": "pairs of numbers, from names alone",
     "samples.names": "a list of names",

@@ -20,7 +20,7 @@ FLOORS = (
     (
         *("_types", "_numerics", "_checks", "_autodiff"),
         *("_portable", "_summary", "_lazy", "_likely", "_plain", "_file_facts", "_asf_bone"),
-        *("_program", "_compilation_cache"),
+        *("_program", "_compilation_cache", "_cluster"),
     ),
     ("quaternion", "linalg", "frames"),
     (
@@ -43,6 +43,7 @@ SIDEWAYS = {
     "_summary": {"_plain", "_file_facts"},
     "_portable": {"_summary"},
     "_asf_bone": {"_portable"},
+    "_cluster": {"_lazy", "_plain"},
     "_program": {"_checks"},
     "motion": {"skeleton"},
     "_entry": {"skeleton", "motion"},

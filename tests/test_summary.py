@@ -57,6 +57,7 @@ def test_results_are_one_line(name):
 
 
 TUPLES = (
+    "Mapped",
     "DetectionScores",
     "ErrorRun",
     "RepairedRun",

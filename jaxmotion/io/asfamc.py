@@ -44,7 +44,7 @@ from jaxmotion.io.amc import read_amc, write_amc
 from jaxmotion.io.asf import read_asf
 from jaxmotion.io.asf_dofs import dofs_from_transforms, places, transforms_from_dofs
 from jaxmotion.io.asf_write import asf_bones, asf_names, asf_text
-from jaxmotion.io.atomic import atomic_write
+from jaxmotion.io.atomic import atomic_write, in_the_way
 from jaxmotion.io.conventions import seconds_of, turned_for, with_up
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning
 from jaxmotion.io.formats import Up, UpOut
@@ -158,7 +158,7 @@ def save_amc(
     if os.path.realpath(asf) == os.path.realpath(path):
         raise ValueError(f"save_amc: path and asf are both {printable(path)}; give two names")
     check_clip(motion)
-    if not overwrite and (existing := [p for p in (path, asf) if p.exists()]):
+    if existing := [p for p in (path, asf) if in_the_way(p, overwrite)]:
         raise FileExistsError(f"{printable(existing[0])} exists; pass overwrite=True to replace it")
     motion = turned_for(motion, up, path, "save_amc")
     skeleton, translations = _at_rest(motion)

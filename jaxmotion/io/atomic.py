@@ -19,6 +19,7 @@ import secrets
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from os import PathLike
 from pathlib import Path
 from typing import IO
@@ -35,6 +36,7 @@ _NAME_KEPT = 40  # characters, of up to four bytes; names may have 255 bytes
 _FLAGS = os.O_RDWR | getattr(os, "O_BINARY", 0) | getattr(os, "O_NOFOLLOW", 0)
 
 _living: set[str] = set()
+_replacing: ContextVar[bool] = ContextVar("replacing", default=False)
 
 
 @contextmanager
@@ -60,7 +62,7 @@ def atomic_write(path: str | PathLike, *, overwrite: bool = True) -> Iterator[IO
         lock = os.dup(handle) if fcntl is not None else -1
         file.close()  # now: a disk far away may tell only here that it is full
         os.chmod(name, _mode(target))
-        if overwrite:
+        if overwrite or _replacing.get():
             os.replace(name, target)
         else:
             _rename_to_new(name, target)
@@ -77,6 +79,22 @@ def atomic_write(path: str | PathLike, *, overwrite: bool = True) -> Iterator[IO
         _living.discard(name)
         if lock >= 0:
             os.close(lock)
+
+
+@contextmanager
+def replacing() -> Iterator[None]:
+    """Have files that exist replaced, whatever a writer is told: in work that may be done again
+    after it was lost, of which somebody has looked before that nothing is in its way."""
+    before = _replacing.set(True)
+    try:
+        yield
+    finally:
+        _replacing.reset(before)
+
+
+def in_the_way(path: Path, overwrite: bool) -> bool:
+    """Whether a file exists that may not be replaced."""
+    return not (overwrite or _replacing.get()) and path.exists()
 
 
 def remove_abandoned(folder: str | PathLike) -> int:
@@ -107,7 +125,7 @@ def _checked(path: str | PathLike, overwrite: bool) -> Path:
         raise IsADirectoryError(f"{printable(path)} is a folder; give the name of a file")
     if kind:
         raise OSError(errno.EINVAL, f"cannot be written: {kind}, not a file", os.fspath(path))
-    if target.exists() and not overwrite:
+    if in_the_way(target, overwrite):
         raise FileExistsError(f"{printable(path)} exists; pass overwrite=True to replace it")
     if not target.parent.is_dir():
         where, folder = printable(path), printable(target.parent)
