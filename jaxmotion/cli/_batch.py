@@ -20,7 +20,7 @@ from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import Batch, Running, Selection, asked_for
 from jaxmotion.cli._progress import Progress, line_about
 from jaxmotion.cli._record import Record
-from jaxmotion.cli._report import Report
+from jaxmotion.cli._report import Report, nothing
 from jaxmotion.cli._terminal import say
 from jaxmotion.cli._work import Edited, Editing, Effect, Outcome, edit_file, guarded
 from jaxmotion.io.formats import files_of
@@ -97,7 +97,8 @@ def run(
     record.forget(job.target for job in ready)
     statuses: list[str] = []
     with report, _leaving.last_word(lambda: _how_to_go_on(len(jobs), statuses)):
-        results = _results(process, ready, batch, running, clear, heavy)
+        little = not heavy and _session.is_little(job.source for job in jobs)
+        results = _results(process, ready, batch, running, clear, little, writes)
         for outcome in _outcomes(results, early, len(ready), batch, running):
             if outcome.status == "written":
                 record.note(outcome.job.target)
@@ -129,7 +130,8 @@ def look(
         raise click.exceptions.Exit(0)
     failed = 0
     with Report(batch.report, jobs, overwrite=batch.overwrite or batch.resume) as report:
-        for outcome in _results(process, jobs, batch, running, lambda: None, heavy):
+        little = not heavy and _session.is_little(job.source for job in jobs)
+        for outcome in _results(process, jobs, batch, running, lambda: None, little, nothing):
             if outcome.status == "failed":
                 failed += 1
                 say(line_about(outcome), err=True)
@@ -208,11 +210,18 @@ def _results(
     batch: Batch,
     running: Running,
     clear: Callable[[], None],
-    heavy: bool,
+    little: bool,
+    writes: Callable[[Path], Sequence[Path]],
 ) -> Generator[Outcome]:
-    """Outcomes one by one, or side by side as they come."""
+    """Outcomes one by one, or as they come from processes side by side or from a cluster."""
+    if batch.cluster is not None and jobs:
+        from jaxmotion.cli._cluster import on_cluster
+
+        return on_cluster(
+            process, jobs, batch, cache=running.cache, clear=clear, little=little, writes=writes
+        )
     if batch.jobs == 1 or len(jobs) <= 1:
-        return _one_by_one(process, jobs, running, heavy)
+        return _one_by_one(process, jobs, running, little)
     from jaxmotion.cli._workers import side_by_side
 
     return side_by_side(
@@ -222,15 +231,14 @@ def _results(
         cache=running.cache,
         clear=clear,
         notice=True,
-        heavy=heavy,
+        little=little,
     )
 
 
 def _one_by_one(
-    process: Callable, jobs: Sequence[Job], running: Running, heavy: bool
+    process: Callable, jobs: Sequence[Job], running: Running, little: bool
 ) -> Generator[Outcome]:
     if jobs:
-        little = not heavy and _session.is_little(job.source for job in jobs)
         _session.start(cache=running.cache, little=little)
     for job in jobs:
         yield guarded(process, job)

@@ -154,6 +154,8 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 def _why_not(path: Path) -> str:
     """Why a name stands neither for a file nor for a folder."""
+    if ":/" in str(path)[2:]:  # of the slashes of a URL a path keeps one
+        return f"{str(path)!r} is a URL; in Python, jaxmotion.corpus.map reads and writes those"
     try:
         path.stat()
     except FileNotFoundError:

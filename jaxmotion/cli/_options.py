@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from jaxmotion.cli._presets import flags_of, load_preset
 from jaxmotion.io.formats import WRITTEN, unknown_suffix
@@ -20,7 +21,7 @@ NOWHERE = Path(os.devnull)
 
 # Options that say how to go about it, not what comes out.
 _MANNERS = {"out", "overwrite", "resume", "dry-run", "jobs", "fail-fast", "report", "no-cache"}
-_MANNERS |= {"debug", "path", "plot"}
+_MANNERS |= {"debug", "path", "plot", "cluster"}
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ class Batch:
     resume: bool
     dry_run: bool
     jobs: int
+    cluster: str | None
     fail_fast: bool
     report: Path | None
     reading: Reading
@@ -248,11 +250,19 @@ def batch_options(function: Callable | None = None, *, out_required: bool = True
     @click.option(
         "-j", "--jobs", type=click.IntRange(1), default=1, show_default=True, help="Processes."
     )
+    @click.option(
+        "--cluster",
+        metavar="local|tcp://HOST:PORT",
+        callback=_cluster,
+        help="Work on a dask cluster: the scheduler of that address, whose workers share these "
+        "folders, or workers of this machine, --jobs of them or one a core.",
+    )
     @click.option("--fail-fast", is_flag=True, help="Stop at the first file that fails.")
     @report_option
     @functools.wraps(function)
     def command(*args, **values):
         values["out"] = values["out"] or NOWHERE
+        values["jobs"] = _workers(click.get_current_context(), values["jobs"], values["cluster"])
         batch = Batch(**{name: values.pop(name) for name in Batch.__dataclass_fields__})
         return function(*args, batch=batch, **values)
 
@@ -332,6 +342,33 @@ def _numbers(value: Any) -> Iterator[float]:
 def _note_debug(ctx: click.Context, param: click.Parameter, value: bool) -> bool:
     ctx.meta["jaxmotion.debug"] = value
     return value
+
+
+def _cluster(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+    """What may be a cluster, if dask is there."""
+    if value is None:
+        return None
+    from jaxmotion._cluster import connections
+
+    if value != "local" and not connections.is_address(value):
+        text = f"{value!r} is neither local nor an address such as tcp://host:8786"
+        raise click.BadParameter(text, ctx, param)
+    connections.needed("--cluster")
+    return value
+
+
+def _workers(ctx: click.Context, jobs: int, cluster: str | None) -> int:
+    """Processes on this machine: of a cluster of its own, one a core if nothing is said."""
+    if cluster is None:
+        return jobs
+    source = ctx.get_parameter_source("jobs")
+    if cluster != "local" and source is ParameterSource.COMMANDLINE:
+        raise click.UsageError(f"--jobs are processes of this machine; {cluster} has its workers")
+    if source is not ParameterSource.DEFAULT:
+        return jobs
+    from jaxmotion._cluster.connections import cores
+
+    return cores()
 
 
 def _report_suffix(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:

@@ -26,13 +26,14 @@ class Progress:
         self._cleanup = ExitStack()
         if total > 1 and sys.stderr.isatty():
             from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
+            from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
             from rich.progress import Progress as Bar
 
             console = Console(stderr=True, highlight=False, markup=False, emoji=False)
-            columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+            pace_of = TextColumn("{task.fields[pace]}")
+            columns = (BarColumn(), MofNCompleteColumn(), pace_of, TimeRemainingColumn())
             self._bar = Bar(*columns, console=console)
-            self._task = self._bar.add_task("", total=total)
+            self._task = self._bar.add_task("", total=total, pace="")
 
     def __enter__(self) -> "Progress":
         if self._bar is not None:
@@ -59,13 +60,14 @@ class Progress:
         if self._bar is not None:
             for line in lines:
                 self._bar.console.print(printable(line), soft_wrap=True)
-            self._bar.update(self._task, completed=self._done)
+            told = pace((time.perf_counter() - self._begun) / self._done)
+            self._bar.update(self._task, completed=self._done, pace=told)
             return
         if self._total > 1:
             left = self._total - self._done
-            wait = (time.perf_counter() - self._begun) / self._done * left
+            each = (time.perf_counter() - self._begun) / self._done
             lines[0] = f"[{self._done}/{self._total}] {lines[0]}"
-            lines[0] += f" (about {duration(wait)} left)" if left else ""
+            lines[0] += f" ({pace(each)}, about {duration(each * left)} left)" if left else ""
         say(*lines, err=True)
 
 
@@ -86,6 +88,12 @@ def _effect(effect: Effect) -> str:
         if change.frames_changed:
             text += f", by up to {_degrees(change.angle.value)} at {change.angle.joint}"
     return f"{text}; {effect.skate}" if effect.skate is not None else text
+
+
+def pace(seconds: float) -> str:
+    """Files a second, or a minute, that take so long each."""
+    rate = 1 / max(seconds, 1e-3)
+    return f"{rate:.3g} files/s" if rate >= 1 else f"{60 * rate:.3g} files/min"
 
 
 def duration(seconds: float) -> str:

@@ -28,10 +28,11 @@ _RELEASES_WITH_PLAIN_CODE = ("0.7.", "0.8.", "0.9.", "0.10.")
 
 def is_little(paths: Iterable[Path]) -> bool:
     """Whether working through these files takes less time than compiling for it."""
-    return sum(map(_size, paths)) < _LITTLE
+    return sum(map(size_of, paths)) < _LITTLE
 
 
-def _size(path: Path) -> int:
+def size_of(path: Path) -> int:
+    """Bytes of a file, nought if nobody knows."""
     try:
         return path.stat().st_size
     except OSError:  # reading it will tell

@@ -28,17 +28,16 @@ def side_by_side(
     cache: bool,
     clear: Callable,
     notice: bool = False,
-    heavy: bool = False,
+    little: bool = False,
 ) -> Generator[Outcome]:
     """Outcomes of ``process`` on every job, as they come.
 
     **Arguments:** ``process``: a function that can be pickled; ``processes``: how many at a time;
     ``clear``: called after workers have died over their work, to take away what they left;
-    ``notice``: whether the first says when compiling takes a while; ``heavy``: whether a file takes
-    longer than compiling for it.
+    ``notice``: whether the first says when compiling takes a while; ``little``: whether they take
+    less time than compiling for them.
     """
     count = min(processes, len(jobs))
-    little = not heavy and _session.is_little(job.source for job in jobs)
     settings = (process, cache, little, count)
     waiting = deque(jobs)
     busy: dict[Connection, tuple[BaseProcess, Job]] = {}

@@ -74,6 +74,8 @@ def command(
     """
     finding = partial(find, method=method, joints=joints, floor=None if no_floor else "auto")
     if restore is None:
+        if batch.cluster is not None:
+            raise click.UsageError("--cluster goes with --restore")
         if batch.out != NOWHERE:
             raise click.UsageError("say how to write to -o: --restore legs, root or spacetime")
         _list(batch, running, finding, as_json)
