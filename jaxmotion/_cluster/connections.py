@@ -44,36 +44,9 @@ def cores() -> int:
 
 
 @contextmanager
-def local_client(workers: int | None = None) -> Iterator["Client"]:
-    """Start dask workers on this machine, set up for JAX, and connect to them.
-
-    Each is a process with one thread, in which JAX uses its share of the cores, and takes some
-    300 MB before its first clip. Scheduler and workers listen on the loopback address, without a
-    dashboard; as of any dask scheduler, whoever may connect to it, here any user of this machine,
-    may run code as you. A worker that dies is replaced. None has a limit of memory. In a script,
-    guard what runs at the top with ``if __name__ == "__main__":``, for workers import it.
-
-    **Arguments:** ``workers``: how many, by default one a core.
-    **Returns:** a context whose value is a ``dask.distributed.Client``; workers end with it.
-    **Raises:** ``ImportError`` without the extra ``jaxmotion[distributed]``; ``ValueError`` for
-    fewer than one worker.
-
-    **Example:**
-
-        >>> import jaxmotion as jm
-        >>> with jm.corpus.local_client(1) as client:
-        ...     client.submit(sum, [1, 2]).result()
-        3
-    """
-    if workers is not None and (not isinstance(workers, int) or workers < 1):
-        raise ValueError(f"local_client: workers is {workers!r}; expected a number from 1")
-    with started(workers or cores()) as cluster, client_of(cluster) as client:
-        yield client
-
-
-@contextmanager
-def started(workers: int) -> Iterator["LocalCluster"]:
-    """So many workers of this machine, while the block runs."""
+def started(workers: int | None = None) -> Iterator["LocalCluster"]:
+    """So many workers of this machine, or one a core, while the block runs."""
+    workers = workers or cores()
     distributed = needed("a cluster of this machine")
     cluster = distributed.LocalCluster(
         n_workers=workers,
@@ -175,7 +148,7 @@ def connected(where: "Client | str", workers: int | None = None) -> Iterator["Cl
             )
         yield where
     elif where == "local":
-        with local_client(workers) as client:
+        with started(workers) as cluster, client_of(cluster) as client:
             yield client
     elif is_address(where):
         with client_of(where) as client:

@@ -8,8 +8,8 @@ on workers is dask's, an extra: ``pip install 'jaxmotion[distributed]'``; nothin
 before it is asked for. Other modules of this room are the library's own.
 """
 
-from jaxmotion._cluster.connections import local_client
 from jaxmotion.corpus.corpus import Corpus
+from jaxmotion.corpus.local import local_client
 from jaxmotion.corpus.mapping import Mapped, map
 from jaxmotion.corpus.statistics import CorpusStatistics
 from jaxmotion.corpus.windows import Batches, WindowSource

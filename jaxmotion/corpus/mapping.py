@@ -16,6 +16,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from jaxmotion._checks import static
 from jaxmotion._cluster.connections import connected
 from jaxmotion._cluster.tasks import Lost, stream
 from jaxmotion._compilation_cache import keep_programs
@@ -61,6 +62,7 @@ class _File(NamedTuple):
     target: str
 
 
+@static("overwrite", "resume")
 def map(
     function: "Callable[[Motion], Motion]",
     files: str | PathLike | Sequence[str | PathLike],
