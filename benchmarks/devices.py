@@ -37,9 +37,16 @@ def moved(clip):
     return jax.grad(loss)(clip.rotations)
 
 
+def smoothed(clip, parallel):
+    """Rotations by their components."""
+    return jm.smoothing.lgs(clip.rotations, 4.0, 1.0, parallel=parallel).mean
+
+
 FUNCTIONS = {
     "forward_kinematics": lambda clip: jm.forward_kinematics(clip).positions,
     "kinematics' gradient": moved,
+    "lgs, frame by frame": lambda clip: smoothed(clip, parallel=False),
+    "lgs, parallel": lambda clip: smoothed(clip, parallel=True),
     "denoise, λσ given": lambda clip: jm.denoise(clip, tune=False).rotations,
     "denoise": lambda clip: jm.denoise(clip).rotations,
     "decompose": lambda clip: jm.decompose(clip).base.rotations,

@@ -15,7 +15,8 @@ from functools import partial
 
 import psutil
 
-from jaxmotion.corpus import local_client, tasks
+from jaxmotion._cluster import tasks
+from jaxmotion.corpus import local_client
 
 
 def nothing(seconds: float, item: int) -> int:

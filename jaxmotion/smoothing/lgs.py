@@ -56,14 +56,10 @@ from jaxmotion.linalg import (
     Knowledge,
     chain_bend_variance,
     chain_factor,
-    chain_knowledge,
     chain_log_det,
     chain_sample,
-    chain_smooth,
-    parallel_chain_knowledge,
-    parallel_chain_smooth,
 )
-from jaxmotion.linalg.parallel_chain import lost_digits
+from jaxmotion.linalg.chain_ways import Way, knowledge_by, loses, smooth_by, way_of
 from jaxmotion.smoothing.design import Observations, check_finite, observe
 
 
@@ -84,7 +80,7 @@ class Posterior(Portable):
     _observations: Observations
     _order: int = eqx.field(static=True)
     _shared: bool = eqx.field(static=True)
-    _parallel: bool = eqx.field(static=True)
+    _way: Way = eqx.field(static=True)
 
     def _words(self) -> Iterator[str]:
         yield per_frame(self.mean)
@@ -150,9 +146,7 @@ class Posterior(Portable):
         return (self.mean + self._sigma * noise).reshape(*shape, *self.mean.shape)
 
     def _knowledge(self) -> Knowledge:
-        if self._parallel:
-            return parallel_chain_knowledge(self._chain)
-        return chain_knowledge(chain_factor(self._chain))
+        return knowledge_by(self._way, self._chain)
 
     def _per_frame(self, covariance: Array) -> Array:
         covariance = covariance * self._sigma**2
@@ -171,7 +165,7 @@ def lgs(
     weights: ArrayLike | None = None,
     stiffness: ArrayLike | None = None,
     scale: str = "half",
-    parallel: bool = False,
+    parallel: bool | None = None,
 ) -> Posterior:
     """Smooth, denoise or resample a signal.
 
@@ -219,7 +213,8 @@ def lgs(
     check_finite("y", given, weights)
     if stiffness is not None:
         stiffness = checked_stiffness(stiffness, seen.num_frames, channels, y.dtype)
-    return _lgs(y, lam, sigma, stiffness, seen, faults, order, scale, shared, parallel)
+    way = way_of(parallel, seen.num_frames, math.prod(channels))
+    return _lgs(y, lam, sigma, stiffness, seen, faults, order, scale, shared, way)
 
 
 @eqx.filter_jit
@@ -233,7 +228,7 @@ def _lgs(
     order: int,
     scale: str,
     shared: bool,
-    parallel: bool,
+    way: Way,
 ) -> Posterior:
     for name, value in (("lam", lam), ("sigma", sigma), ("stiffness", stiffness)):
         if value is not None:
@@ -246,14 +241,13 @@ def _lgs(
     curvature, speed = _penalties(lam_of_frames, sigma, seen.num_frames, order, scale)
     data = seen.readings(y)
     chain = DifferenceChain(curvature, data.weight, data.back, data.speed + speed)
-    smooth = parallel_chain_smooth if parallel else chain_smooth
-    mean = smooth(chain, data.value, data.push)
-    if parallel:
+    mean = smooth_by(way, chain, data.value, data.push)
+    if way == "parallel":
         lossy = (
             "parallel=True loses digits over gaps this long at a lam * sigma this small for its "
             "dtype: leave it out"
         )
-        faults = [*faults, (jnp.any(lost_digits(chain) > 1e-3), lossy)]
+        faults = [*faults, (loses(chain), lossy)]
     # Any NaN or infinity of the data reaches every frame of its channel.
     unusable = (
         ~jnp.all(jnp.isfinite(mean[0])),
@@ -262,7 +256,7 @@ def _lgs(
     )
     # Every quantity of the posterior is made of one of these.
     mean, sigma = raise_faults((mean, sigma), [*faults, unusable])
-    return Posterior(mean, sigma, chain, (curvature, speed), y, seen, order, shared, parallel)
+    return Posterior(mean, sigma, chain, (curvature, speed), y, seen, order, shared, way)
 
 
 def _penalties(

@@ -1,6 +1,7 @@
 """The parallel chain against dense matrices and against the sequential one."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from jaxmotion.linalg import (
     chain_factor,
     chain_knowledge,
     chain_smooth,
+    chain_ways,
     parallel_chain_factor,
     parallel_chain_knowledge,
     parallel_chain_smooth,
@@ -95,3 +97,44 @@ def test_digits_that_parallel_steps_would_lose_are_refused(product, gap):
         lgs(y, product, 1.0, index=index, parallel=True).mean.block_until_ready()
     every = lgs(y, product, 1.0, parallel=True).mean  # no gap, nothing to lose
     np.testing.assert_allclose(every, y, atol=1e-5)
+
+
+@pytest.fixture
+def on_a_gpu(monkeypatch):
+    """What is chosen there; computed here."""
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+
+
+def test_way_that_is_chosen(on_a_gpu):
+    assert chain_ways.way_of(None, 64, 88) == "either"
+    assert chain_ways.way_of(None, 63, 88) == "frames"
+    assert chain_ways.way_of(None, 64, 2**19) == "frames"
+    assert chain_ways.way_of(False, 64, 88) == "frames"
+    assert chain_ways.way_of(True, 1, 88) == "parallel"
+    with jax.default_device(jax.devices("cpu")[0]):
+        assert chain_ways.way_of(None, 64, 88) == "frames"
+
+
+def test_frame_by_frame_is_the_way_of_a_cpu():
+    assert chain_ways.way_of(None, 10_000, 88) == "frames"
+
+
+@pytest.mark.parametrize("product", [1.0, 1e-4])
+def test_what_is_chosen_loses_no_digits(on_a_gpu, product):
+    """Also in float32 across gaps over which parallel steps would, and under jit, vmap and grad."""
+    y = np.random.default_rng(5).uniform(-1, 1, (2, 5)).astype(np.float32)
+    index = 60 * np.arange(5)
+
+    def smooth(y, parallel=None):
+        found = lgs(y, product, 1.0, index=index, parallel=parallel)
+        return found.mean, found.variance
+
+    assert lgs(y[0], product, 1.0, index=index)._way == "either"
+    want = jax.vmap(lambda y: smooth(y, parallel=False))(y)
+    for got in (jax.vmap(smooth)(y), [jnp.stack(x) for x in zip(*map(smooth, y), strict=True)]):
+        for a, b in zip(got, want, strict=True):
+            np.testing.assert_allclose(a, b, rtol=2e-3, atol=1e-5)
+    slope, other = (
+        jax.grad(lambda y, way=way: jnp.sum(smooth(y, way)[0] ** 2))(y[0]) for way in (None, False)
+    )
+    np.testing.assert_allclose(slope, other, rtol=2e-3, atol=1e-4)
