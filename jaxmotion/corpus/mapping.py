@@ -174,8 +174,11 @@ class _Work:
                 self._do(job)
             except (Exception, SystemExit) as error:
                 status, message = "failed", _described(error)
-        texts = tuple(dict.fromkeys(str(w.message) for w in caught))
-        return Mapped(*job, status, message, texts, time.perf_counter() - begun)
+        said = [message, *(str(w.message) for w in caught)]
+        for name in job:
+            said = [places.of_the_original(text, name) for text in said]
+        texts = tuple(dict.fromkeys(said[1:]))
+        return Mapped(*job, status, said[0], texts, time.perf_counter() - begun)
 
     def _do(self, job: _File) -> None:
         from jaxmotion.motion import Motion

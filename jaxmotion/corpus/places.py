@@ -6,6 +6,7 @@ first; it is then put in place in fsspec's transaction, and by S3 as one object:
 
 import glob
 import os
+import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -18,6 +19,8 @@ from urllib.request import url2pathname
 from jaxmotion._lazy import extra
 from jaxmotion._plain import printable
 from jaxmotion.io.formats import SUFFIXES, files_of, may_hold_a_motion, read_with
+
+_COPIES = "jaxmotion-"  # how names of folders of copies begin
 
 
 class Found(NamedTuple):
@@ -121,7 +124,7 @@ def at_hand(name: str) -> Iterator[Path]:
         yield Path(name)
         return
     system, path = _system(name)
-    with tempfile.TemporaryDirectory(prefix="jaxmotion-") as folder:
+    with tempfile.TemporaryDirectory(prefix=_COPIES) as folder:
         copy = Path(folder) / PurePosixPath(path).name
         system.get_file(path, str(copy))
         if [beside.suffix for beside in files_of(copy)[1:]]:
@@ -139,7 +142,7 @@ def put(write: Callable[[Path], Any], name: str) -> None:
         write(Path(name))
         return
     system, path = _system(name)
-    with tempfile.TemporaryDirectory(prefix="jaxmotion-") as folder:
+    with tempfile.TemporaryDirectory(prefix=_COPIES) as folder:
         local = Path(folder) / PurePosixPath(path).name
         write(local)
         parent = PurePosixPath(path).parent.as_posix()
@@ -147,6 +150,15 @@ def put(write: Callable[[Path], Any], name: str) -> None:
         with system.transaction:
             for file in files_of(local):
                 system.put_file(str(file), f"{parent}/{file.name}")
+
+
+def of_the_original(text: str, name: str) -> str:
+    """What is told of the copy of a file, told of the file."""
+    if not is_url(name):
+        return text
+    folder, base = re.escape(os.path.join(tempfile.gettempdir(), _COPIES)), PurePosixPath(name).name
+    copy = rf"{folder}\w+[/\\]{re.escape(base)}"
+    return re.sub(copy, lambda _: name, text)
 
 
 def _system(name: str) -> tuple[Any, str]:

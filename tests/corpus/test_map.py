@@ -335,6 +335,14 @@ def test_urls_of_a_motion_in_two_files(bucket, tmp_path):
     assert len(jm.load(tmp_path / "back" / "a.npz")) == 10
 
 
+def test_what_is_told_of_a_url_names_it(bucket, tmp_path):
+    """And not the copy that was read."""
+    bucket.pipe("/bucket/broken.bvh", b"HIERARCHY\n")
+    [done] = jm.corpus.map(works.first_frames, "memory://bucket/broken.bvh", tmp_path)
+    assert done.message.startswith("memory://bucket/broken.bvh:")
+    assert "jaxmotion-" not in done.message
+
+
 def test_half_a_file_never_shows_at_a_url(bucket, monkeypatch):
     def half(self, local, remote, **options):
         with self.open(remote, "wb") as file:
