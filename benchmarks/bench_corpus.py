@@ -149,15 +149,19 @@ def test_a_training(benchmark, corpus, capsys):
         rounds.append((trained(ready), trained(windows()), trained(windows(prefetch=0))))
 
     benchmark.pedantic(race_once, rounds=5)
+    waits = [float(np.median([r[k][2] / r[k][1] for r in rounds])) for k in range(3)]
+    benchmark.extra_info["waiting for batches"] = {
+        "value": waits[1],
+        "peers": {"without a thread": waits[2]},
+    }
     with capsys.disabled():
         for k, name in enumerate(("ready", "prefetched", "no thread")):
             seconds = np.median([r[k][1] for r in rounds])
-            share = np.median([r[k][2] / r[k][1] for r in rounds])
             longer = np.median([r[k][1] / r[0][1] for r in rounds]) - 1
             steps, *_, first, last = rounds[0][k]
             print(
                 f"\n{name:10}: {steps} steps, {1e3 * seconds / steps:.2f} ms each, waits "
-                f"{100 * share:.2f} % of the time, {100 * longer:+.1f} % longer; loss {first:.4f} "
-                f"to {last:.4f}"
+                f"{100 * waits[k]:.2f} % of the time, {100 * longer:+.1f} % longer; "
+                f"loss {first:.4f} to {last:.4f}"
             )
     assert rounds[0][1][3:] == rounds[0][0][3:]
