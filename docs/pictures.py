@@ -28,7 +28,7 @@ from jaxmotion.viz.picture import Picture
 FOLDER = Path(__file__).with_suffix("")
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 COLOURS = 255  # of a file, one byte a pixel: curves and text need no more
-DOUBLE = ("style_phase", "sudden_moves")  # drawn in float64; noise drawn in float32 is another
+DOUBLE = ("response", "style_phase", "sudden_moves")  # drawn in float64; noise drawn in float32 is another
 NOISE = 0.05  # radians
 BROWSER = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"),
@@ -74,6 +74,57 @@ def butterworth(motion, cutoff):
     smooth = filtfilt(*butter(2, cutoff, fs=float(motion.fps)), q, axis=0)
     unit = smooth / np.linalg.norm(smooth, axis=-1, keepdims=True)
     return motion.with_transforms(rotations=jnp.asarray(unit, motion.dtype))
+
+
+def response():
+    """What the smoother leaves of a swing, by its frequency, measured of lgs; where half is left."""
+    figure = Picture(figsize=(9.0, 3.2), layout="constrained")
+    axes = figure.add_subplot()
+    rate, frames = 60.0, 4096
+    pulse = np.zeros(frames)
+    pulse[frames // 2] = 1.0
+    hertz = np.fft.rfftfreq(frames, 1 / rate)
+    for product, shade in zip((1, 10, 100, 1000), (BLUE, ORANGE, GREY, "black"), strict=True):
+        left = np.abs(np.fft.rfft(np.asarray(jm.smoothing.lgs(pulse, float(product), 1.0).mean)))
+        axes.semilogx(hertz[1:], left[1:], color=shade, label=f"λσ = {product}")
+        half = rate / np.pi * np.arcsin(1 / np.sqrt(2 * product))
+        axes.plot(half, 0.5, "o", color=shade)
+        where = {"xytext": (5, 5), "textcoords": "offset points"}
+        axes.annotate(f"{half:.2g} Hz", (half, 0.5), color=shade, **where)
+    axes.set(xlabel="hertz, at 60 frames a second", ylabel="share that is left", xlim=(0.05, 30))
+    axes.set_xticks([0.1, 1, 10], ["0.1", "1", "10"])
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.legend(frameon=False, ncols=4, loc="outside lower center")
+    return figure
+
+
+def cutoffs():
+    """A knee of a noisy walk at four λσ."""
+    walk, noisy = walk_and_noisy()
+    joint = walk.skeleton.index("LeftLeg")
+
+    def bend(clip):
+        return np.degrees(np.asarray(jm.quaternion.log(clip.rotations[:, joint]))[:, 0])
+
+    figure = Picture(figsize=(9.0, 4.2), layout="constrained")
+    for axes, product in zip(
+        figure.subplots(2, 2, sharex=True, sharey=True).flat, (1, 10, 100, 1000), strict=True
+    ):
+        times = np.asarray(walk.times)
+        axes.plot(times, bend(noisy), color=ORANGE, lw=0.8, label="captured")
+        axes.plot(times, bend(walk), color=GREY, lw=4, label="the truth")
+        smooth = jm.smoothing.smooth_motion(noisy, float(product), 1.0)
+        axes.plot(times, bend(smooth), color=BLUE, label="smoothed")
+        half = float(walk.fps) / np.pi * np.arcsin(1 / np.sqrt(2 * product))
+        axes.set_title(f"λσ = {product}: half at {half:.2g} Hz", loc="left", size="medium")
+        axes.margins(x=0)
+        axes.spines[["top", "right"]].set_visible(False)
+    for axes in figure.axes[2:]:
+        axes.set_xlabel("seconds")
+    figure.supylabel("left knee, degrees", size="medium")
+    handles = axes.get_legend_handles_labels()
+    figure.legend(*handles, frameon=False, ncols=3, loc="outside lower center")
+    return figure
 
 
 def digression():
@@ -161,7 +212,10 @@ def notebook(name):
 
 PICTURES = {
     draw.__name__: draw
-    for draw in (strip, layers, tuning, digression, knee, style_phase, sudden_moves, player)
+    for draw in (
+        *(strip, layers, tuning, response, cutoffs, digression, knee),
+        *(style_phase, sudden_moves, player),
+    )
 }
 
 
