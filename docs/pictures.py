@@ -28,7 +28,11 @@ from jaxmotion.viz.picture import Picture
 FOLDER = Path(__file__).with_suffix("")
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 COLOURS = 255  # of a file, one byte a pixel: curves and text need no more
-DOUBLE = ("response", "style_phase", "sudden_moves")  # drawn in float64; noise drawn in float32 is another
+DOUBLE = (
+    "response",
+    "style_phase",
+    "sudden_moves",
+)  # drawn in float64; noise drawn in float32 is another
 NOISE = 0.05  # radians
 BROWSER = (
     *("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"),
@@ -77,7 +81,7 @@ def butterworth(motion, cutoff):
 
 
 def response():
-    """What the smoother leaves of a swing, by its frequency, measured of lgs; where half is left."""
+    """What the smoother leaves of a swing, by its frequency, measured; and where half is left."""
     figure = Picture(figsize=(9.0, 3.2), layout="constrained")
     axes = figure.add_subplot()
     rate, frames = 60.0, 4096

@@ -22,6 +22,7 @@ import sys
 import textwrap
 import typing
 from functools import cache
+from typing import ClassVar
 
 from docutils import nodes
 from docutils.parsers.rst import directives
@@ -34,11 +35,23 @@ LOG = logging.getLogger(__name__)
 ROOMS = ("jaxmotion", *(f"jaxmotion.{name}" for name in jaxmotion._MODULES))
 HEADING = re.compile(r"[ \t]*\*\*(Arguments|Fields|Returns|Raises|Warns|Example):\*\*[ \t]*")
 ITEM = re.compile(r"[;.]\s+(?=``\w+``(?:, ``\w+``)*:)")
-MARKED = re.compile(r"(``.+?``|:\w+:`[^`]+`|`[^`]+`_|\*\*[^*\s][^*]*\*\*)", re.S)
+MARKED = re.compile(
+    r"(``.+?``|:\w+:`[^`]+`|`[^`]+`_|\*\*[^*\s][^*]*\*\*|(?<![\w*[(])\*[a-z ]+\*(?!\w))", re.S
+)
 SPECIAL = re.compile(r"[*|]|(?<=\w)_(?!\w)")
 TEXT = ".. code-block:: text"
 BACK = re.compile(r'<a class="viewcode-back"[^>]*>.*?</a>')
-OTHERS = ("jax", "jaxlib", "numpy", "equinox", "optimistix", "lineax", "os", "pathlib", "collections")
+OTHERS = (
+    "jax",
+    "jaxlib",
+    "numpy",
+    "equinox",
+    "optimistix",
+    "lineax",
+    "os",
+    "pathlib",
+    "collections",
+)
 
 
 # What is public
@@ -96,7 +109,9 @@ class Room(SphinxDirective):
     """The page of a room."""
 
     required_arguments = 1
-    option_spec = {"from": directives.unchanged}  # modules that are described first, in order
+    option_spec: ClassVar = {
+        "from": directives.unchanged
+    }  # modules that are described first, in order
 
     def run(self):
         room = self.arguments[0]
@@ -138,7 +153,8 @@ class Room(SphinxDirective):
 
     def _group(self, room, module, names):
         short = module.removeprefix(f"{room}.")
-        yield from ("", short if room != module else "Here", "-" * max(len(short), 4), "")
+        title = short if room != module else "Constants"
+        yield from ("", title, "-" * max(len(title), 4), "")
         if module not in ROOMS:
             first, _, rest = inspect.getdoc(sys.modules[module]).partition("\n\n")
             yield from written(first)
@@ -148,6 +164,17 @@ class Room(SphinxDirective):
                 yield ""
         for name in sorted(names, key=_line):
             yield from described(name)
+
+
+class Rooms(SphinxDirective):
+    """All rooms, with the first sentence of each."""
+
+    def run(self):
+        lines = [".. list-table::", "   :widths: 30 70", "   :class: names", ""]
+        for room in ROOMS:
+            first = " ".join(" ".join(written(_first(modules()[room]))).split())
+            lines += [f"   * - :doc:`{room} <{room.rpartition('.')[2]}>`", f"     - {first}"]
+        return self.parse_text_to_nodes("\n".join(lines))
 
 
 def _line(name):
@@ -242,7 +269,15 @@ def _paragraphs(rows):
             kept = rows[i:]
             stop = next((k for k, r in enumerate(kept) if not r.startswith("    ")), len(kept))
             tail = _paragraphs(kept[stop:]) if kept[stop:] else []
-            return [*_plain("\n".join(rows[:i])).splitlines(), "", TEXT, "", *kept[:stop], "", *tail]
+            return [
+                *_plain("\n".join(rows[:i])).splitlines(),
+                "",
+                TEXT,
+                "",
+                *kept[:stop],
+                "",
+                *tail,
+            ]
     return _plain("\n".join(rows)).splitlines()
 
 
@@ -404,7 +439,9 @@ def _resolved(target, room, cls):
     head, _, rest = target.partition(".")
     if head in _names() and not inspect.ismodule(_names()[head]):
         return _walk(rest, _names()[head]) if rest else _names()[head]
-    known = any(hasattr(home, target) for home in (builtins, typing, sys.modules["collections.abc"]))
+    known = any(
+        hasattr(home, target) for home in (builtins, typing, sys.modules["collections.abc"])
+    )
     if known or target.partition(".")[0] in OTHERS:
         return target
     return _ABSENT
@@ -432,7 +469,7 @@ def _walk(path, start):
 
 
 def without_backlinks(app, page, template, context, doctree):
-    """Pages of source do not lead back: viewcode guesses where to, by one name for all of a file."""
+    """Pages of source do not lead back: viewcode knows one name for all of a file."""
     if page.startswith("_modules/") and "body" in context:
         context["body"] = BACK.sub("", context["body"])
 
@@ -447,6 +484,7 @@ def check_complete(app, env):
 
 def setup(app):
     app.add_directive("room", Room)
+    app.add_directive("rooms", Rooms)
     app.connect("autodoc-process-docstring", process_docstring)
     app.connect("autodoc-skip-member", skip_member)
     app.connect("autodoc-process-signature", process_signature)
