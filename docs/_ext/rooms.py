@@ -39,6 +39,7 @@ MARKED = re.compile(
     r"(``.+?``|:\w+:`[^`]+`|`[^`]+`_|\*\*[^*\s][^*]*\*\*|(?<![\w*[(])\*[a-z ]+\*(?!\w))", re.S
 )
 SPECIAL = re.compile(r"[*|]|(?<=\w)_(?!\w)")
+ROLE = re.compile(r":\w+:`[~.]*([^`]+)`")
 TEXT = ".. code-block:: text"
 BACK = re.compile(r'<a class="viewcode-back"[^>]*>.*?</a>')
 OTHERS = (
@@ -105,6 +106,22 @@ def source_of(name):
     return inspect.unwrap(thing).__module__
 
 
+def anchor_of(module):
+    """Of the section of a module on its room's page."""
+    return nodes.make_id(f"module-{module}")
+
+
+@cache
+def sections():
+    """The modules that have a section, and on which room's page: rather not the first one's."""
+    found = {}
+    for name in public():
+        module, room = source_of(name), room_of(name)
+        if room != "jaxmotion" or module not in found:
+            found[module] = room
+    return found
+
+
 class Room(SphinxDirective):
     """The page of a room."""
 
@@ -154,8 +171,12 @@ class Room(SphinxDirective):
     def _group(self, room, module, names):
         short = module.removeprefix(f"{room}.")
         title = short if room != module else "Constants"
-        yield from ("", title, "-" * max(len(title), 4), "")
-        if module not in ROOMS:
+        if sections()[module] == room:
+            yield from ("", f".. _{anchor_of(module)}:")
+        yield from ("", title, "-" * len(title), "")
+        if module not in ROOMS and sections()[module] != room:
+            yield from (f"More of this file: :mod:`{module}`.", "")
+        elif module not in ROOMS:
             first, _, rest = inspect.getdoc(sys.modules[module]).partition("\n\n")
             yield from written(first)
             if rest.strip():
@@ -245,10 +266,15 @@ def _blocks(text):
         if rows[0].startswith("|") and rows[0].rstrip().endswith("|"):
             lines += _table(rows)
         elif rows[0].startswith("    ") and not rows[0].lstrip().startswith(">>>"):
-            lines += [TEXT, "", *rows, ""]
+            lines += _kept(rows)
         else:
             lines += [*_paragraphs(rows), ""]
     return lines
+
+
+def _kept(rows):
+    """A block that stays as it is, but for roles, which nobody reads there."""
+    return [TEXT, "", *(ROLE.sub(r"\1", row) for row in rows), ""]
 
 
 def _plain(text):
@@ -405,11 +431,12 @@ def missing_reference(app, env, node, contnode):
     if found is _ABSENT:
         return None
     home = None if isinstance(found, str) else _by_identity().get(id(found))
-    if home is None and inspect.ismodule(found):
-        home = found.__name__ if found.__name__ in ROOMS else None
-        if home:
-            page = "api/" + (home.rpartition(".")[2] if "." in home else "jaxmotion")
-            return _link(app, node, page, "", contnode)
+    if inspect.ismodule(found):
+        room = found.__name__ if found.__name__ in ROOMS else sections().get(found.__name__)
+        if room is None:
+            return contnode
+        anchor = "" if room == found.__name__ else anchor_of(found.__name__)
+        return _link(app, node, f"api/{room.rpartition('.')[2]}", anchor, contnode)
     if home is None:
         return contnode
     entry = env.domains.python_domain.objects.get(home)
