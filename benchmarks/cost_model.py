@@ -3,17 +3,19 @@
     python benchmarks/cost_model.py FILES... [--clips 10] [--verbs denoise,convert]
 
 Of the FILES, clips of spread sizes are taken. Every verb runs in a process of its own that has one
-core, as a worker does: once on every clip to compile, then again, timed, three times for the
-median. Seconds are a + b·(frames × joints), fitted by least squares of relative errors; so is the
-memory that a clip takes above what the process held before. Bytes are those written. Linux only.
+core, as a worker does: once on every clip to compile, then again, three times for the median.
+Seconds are those of the processor, which a busy machine changes little: a + b·(frames × joints),
+fitted by least squares of relative errors. So is the memory that a clip takes above what the
+process holds between clips, once what was freed is given back. Bytes are those written. Linux only.
 
 Prints a row a verb: ms a clip, µs a frame and joint; memory of a clip, of a frame and joint; bytes
 written a frame and joint; seconds to compile for a size; memory of the process at the end. Writes
-benchmarks/results/cost-DATE.json, where "seconds" and "memory" are a and b, with versions, machine
-and load. docs/scale.md is made of these figures.
+benchmarks/results/cost-DATE.json, beside verbs measured before on that day: "seconds" and "memory"
+are a and b; with versions, machine and load. docs/scale.md is made of these figures.
 """
 
 import argparse
+import ctypes
 import datetime
 import io
 import json
@@ -45,12 +47,12 @@ VERBS = {
     "multires": "multires {0} -o {o}.bvh --gains 1,1,0.5",
     "retime": "retime {0} -o {o}.bvh --to-fps 24",
     "contacts": "contacts {0}",
-    "contacts -o": "contacts {0} -o {o}.bvh",
+    "contacts --restore": "contacts {0} -o {o}.bvh --restore legs",
     "augment": "augment {0} -o {o} --count 4",
     "transfer": "transfer {0} --reference {1} -o {o}.bvh",
     "repair": "repair {0} -o {o}.bvh",
     "align": "align {0} {1} -o {o}.bvh",
-    "blend": "blend {0} {1} {0} -o {o}.bvh",
+    "blend": "blend {0} {0} {0} -o {o}.bvh",
     "stitch": "stitch {0} {1} -o {o}.bvh",
     "prior": "prior {0} -o {o}.npz",
     "compare": "compare {0} {1} -o {o}.html --no-open",
@@ -74,15 +76,16 @@ def main() -> None:
     for verb in given.verbs.split(","):
         table[verb] = row = in_a_process(verb, clips)
         print(line(verb, row), flush=True)
+    path = RESULTS / f"cost-{datetime.date.today()}.json"
+    known = json.loads(path.read_text())["verbs"] if path.exists() else {}
     record = {
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "machine": f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}",
         "python": platform.python_version(),
         "versions": {name: version(name) for name in PACKAGES},
-        "verbs": table,
+        "verbs": known | table,
     }
     RESULTS.mkdir(exist_ok=True)
-    path = RESULTS / f"cost-{record['date'][:10]}.json"
     path.write_text(json.dumps(record, indent=1) + "\n")
     print(f"written to {path}")
 
@@ -114,6 +117,8 @@ def in_a_process(verb: str, clips: list[Path]) -> dict:
     rows = json.loads(ran.stdout.splitlines()[-1])
     clean = [row for row in rows["clips"] if row["code"] in (0, 3)]
     failed = [row["told"] for row in rows["clips"] if row["code"] not in (0, 3)]
+    if not clean:
+        raise SystemExit(f"{verb}: {failed[0]}")
     sizes = np.array([row["frames"] * row["joints"] for row in clean], float)
     fits = {name: fitted(sizes, [row[name] for row in clean]) for name in ("seconds", "bytes")}
     written = [row["written"] / size for row, size in zip(clean, sizes, strict=True)]
@@ -131,14 +136,14 @@ def in_a_process(verb: str, clips: list[Path]) -> dict:
 
 def measured(words: str, clips: list[Path]) -> dict:
     """In this process: of every clip its size, seconds, memory and bytes written."""
-    begun = time.perf_counter()
+    begun = time.process_time()
     from jaxmotion.cli import _session
 
     _session.is_little = lambda paths: False  # as in a large folder
     _session.start(notice=False)
     import jaxmotion as jm
 
-    start = time.perf_counter() - begun
+    start = time.process_time() - begun
     rows = []
     with tempfile.TemporaryDirectory() as scratch:
         others = {}
@@ -170,8 +175,9 @@ def called(words: str) -> dict:
     """A command in this process."""
     from jaxmotion.cli._app import app
 
+    ctypes.CDLL(None).malloc_trim(0)
     Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
-    before, begun, code = resident("VmRSS"), time.perf_counter(), 0
+    before, begun, code = resident("VmRSS"), time.process_time(), 0
     told = io.StringIO()
     with redirect_stdout(told), redirect_stderr(told):
         try:
@@ -181,7 +187,7 @@ def called(words: str) -> dict:
         except Exception as error:
             code = getattr(error, "exit_code", 1)
             told.write(str(error))
-    seconds = time.perf_counter() - begun
+    seconds = time.process_time() - begun
     peak = max(0, resident("VmHWM") - before)
     return {"seconds": seconds, "bytes": peak, "code": code, "told": told.getvalue()[-300:]}
 
