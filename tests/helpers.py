@@ -13,6 +13,7 @@ are numpy or SciPy and share no code with the library.
     compilations()                   the names of programs compiled inside
     no_shape_checks()                the library as users run it, for the errors they see
     single_precision()               JAX as it comes, without float64
+    by_precision(cases, single)      parameters: all cases in float64, some in float32
 """
 
 from collections.abc import Iterator
@@ -22,6 +23,7 @@ import jax
 import jax.numpy as jnp
 import jaxtyping
 import numpy as np
+import pytest
 from jax import monitoring
 from scipy.spatial.transform import Rotation
 
@@ -249,3 +251,18 @@ def compilations() -> Iterator[list[str]]:
         yield names
     finally:
         monitoring.unregister_event_duration_listener(listen)
+
+
+def by_precision(cases, single):
+    """Parameters (case, dtype): every case in float64, and in float32 those of ``single``; the
+    others in float32 too where a sweep is asked for. For cases that take long to compile."""
+    return [
+        pytest.param(
+            case,
+            np.dtype(dtype),
+            id=f"{case}-{dtype}",
+            marks=pytest.mark.sweep if dtype == "float32" and case not in single else (),
+        )
+        for case in cases
+        for dtype in ("float32", "float64")
+    ]

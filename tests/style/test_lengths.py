@@ -13,7 +13,7 @@ from jaxmotion._posture import upright
 from jaxmotion.style import apply_style, motion_style, style_distance, transfer_style
 from jaxmotion.style.root import decode, encode
 from jaxmotion.style.statistics import deviations
-from tests.helpers import assert_trees_close, compilations
+from tests.helpers import assert_trees_close, by_precision, compilations
 from tests.style.clips import quaternions, rotations, swaying
 
 transfer = functools.partial(transfer_style, keep_contacts=False)
@@ -38,7 +38,9 @@ def single(*motions):
     return [motion.astype(np.float32) for motion in motions]
 
 
-@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize(
+    ("options", "dtype"), by_precision(OPTIONS, single=("per channel", "no warp"))
+)
 def test_the_transfer_is_that_of_the_clips_own_lengths(options, dtype):
     """Under ``jit`` nothing is padded."""
     source, reference = swaying(0, 41), swaying(1, 57)

@@ -158,7 +158,7 @@ def test_still_bodies_have_finite_derivatives(deviation):
         return jnp.sum(found.rotations[..., 1]) + jnp.sum(found.translations)
 
     slope = jax.jit(jax.grad(total, (0, 1)))
-    for reference in (still, swaying(10)):
+    for reference in (still, swaying(10, frames=6)):
         for x in slope(jnp.asarray(still.rotations), jnp.asarray(still.translations), reference):
             assert jnp.isfinite(x).all()
 

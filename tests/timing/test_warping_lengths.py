@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxmotion.timing import motion_warping
-from tests.helpers import compilations
+from tests.helpers import by_precision, compilations
 from tests.timing.test_motion_warping import RUN, clips
 
 
@@ -17,7 +17,12 @@ def noisy(num_source, num_reference, dtype=np.float64):
 
 
 @pytest.mark.parametrize("shared", [True, False])
-@pytest.mark.parametrize("sizes", [(12, 18), (31, 20), (128, 100), (100, 128), (1, 2), (2, 1)])
+@pytest.mark.parametrize(
+    ("sizes", "dtype"),
+    by_precision(
+        [(12, 18), (31, 20), (128, 100), (100, 128), (1, 2), (2, 1)], single=[(31, 20), (1, 2)]
+    ),
+)
 def test_the_numbers_are_those_of_the_clips_own_sizes(sizes, shared, dtype):
     """Under ``jit`` nothing is padded; 128 is a size of a program itself."""
     source, reference = noisy(*sizes, dtype)
