@@ -5,7 +5,7 @@ import os
 from importlib import metadata
 from pathlib import Path
 
-# Nearly all of the suite's time is compiling: XLA's plain code takes a third of it, and a quarter
+# Nearly all of the suite's time is compiling: XLA's plain code takes a third of it, and a fifth
 # less again in one piece and with loops left as they are. Set XLA_FLAGS, empty or not, to test
 # other code. XLA ends the process at flags that it does not know.
 if metadata.version("jaxlib").startswith(("0.7.", "0.8.", "0.9.", "0.10.")):
