@@ -61,6 +61,19 @@ def keep_programs(folder: Path) -> None:
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
 
 
+def folder_of_programs() -> str | None:
+    """Where this process keeps them, if it does."""
+    import jax
+
+    return jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
+
+
+def share_programs(folder: str | None) -> None:
+    """Keep them where the process does that work is from, unless this one has a place."""
+    if folder and not folder_of_programs() and Path(folder).is_dir():
+        keep_programs(Path(folder))
+
+
 def cache_folder() -> Path | None:
     """Where compiled programs are kept: ``JAXMOTION_CACHE_DIR`` (empty: nowhere), else the user's
     cache folder by the platform's rules; nowhere for a user without a home."""

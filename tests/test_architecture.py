@@ -20,13 +20,13 @@ FLOORS = (
     (
         *("_types", "_numerics", "_checks", "_autodiff"),
         *("_portable", "_summary", "_lazy", "_likely", "_plain", "_file_facts", "_asf_bone"),
-        *("_program", "_compilation_cache", "_cluster"),
+        *("_program", "_compilation_cache", "_cluster", "_width"),
     ),
     ("quaternion", "linalg", "frames"),
     (
         *("skeleton", "motion", "_entry", "clips", "_levels"),
         *("kinematics", "displacement", "_room"),
-        *("confine", "axes", "io", "samples", "_posture"),
+        *("confine", "axes", "io", "samples", "_posture", "_stored"),
     ),
     ("smoothing", "timing"),
     ("layers", "multiresolution", "style", "cleaning", "contacts", "spacetime"),
@@ -51,6 +51,7 @@ SIDEWAYS = {
     "_levels": {"skeleton"},
     "kinematics": {"skeleton", "motion", "_entry", "_levels"},
     "_posture": {"skeleton", "motion"},
+    "_stored": {"skeleton", "motion"},
     "displacement": {"skeleton", "motion", "_entry"},
     "_room": {"motion", "displacement"},
     "confine": {"skeleton", "motion", "_entry", "displacement"},

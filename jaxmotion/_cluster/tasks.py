@@ -1,7 +1,7 @@
 """Many items through a dask cluster, as a stream: memory stays flat for any number of them.
 
 Work is pickled once. Small items go several to a task, fewer towards the end; of the tasks no more
-are on their way than keep every worker busy. One worker takes the first item alone, so that what
+are on their way than keep every worker busy. One worker may take the first item alone, so that what
 is compiled for it is there for the others, which import meanwhile.
 
 A task that loses its worker is done again, on another; the work must bear that. Which of the items
@@ -23,7 +23,7 @@ from jaxmotion._cluster.connections import needed
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-_GROUP = 8  # items a task, at most,
+GROUP = 8  # items a task, at most,
 _BYTES = 4 * 2**20  # and so many bytes of them
 _INLINE = 2**15  # bytes of work that are sent along with every task
 _LOOK = 5.0  # seconds between looks at how many workers there are
@@ -41,23 +41,26 @@ class Lost(NamedTuple):
 
 def stream(
     client: "Client",
-    work: Callable[[Item], Any],
+    work: Callable[..., Any],
     items: Sequence[Item],
     *,
     name: str,
     size: Callable[[Item], int],
     refused: Callable[[Item], str] = lambda item: "",
-    group: int = _GROUP,
+    group: int = GROUP,
+    along: Callable[[Item], Any] | None = None,
+    alone: bool = True,
 ) -> Generator[tuple[Item, Any]]:
     """Pairs of an item and what the work made of it, or :class:`Lost`, as they come.
 
     **Arguments:** ``work``: catches its own errors, returns something small, bears to be done
     twice, and may have a ``prepare()``; ``name``: of the tasks, on dask's dashboard; ``size``:
     bytes of an item; ``refused``: why an item is not to be done, asked when its turn comes;
-    ``group``: items a task at most.
+    ``group``: items a task at most; ``along``: what the work is given beside an item, asked when
+    that is sent, and no part of what names the task; ``alone``: whether one worker begins.
     **Raises:** ``ConnectionError`` when the scheduler is gone.
     """
-    flow = _Flow(client, work, name)
+    flow = _Flow(client, work, name, along, warm=not alone)
     waiting, suspects = deque(items), deque[Item]()
     try:
         while waiting or suspects or flow.under_way:
@@ -101,7 +104,9 @@ def _chosen(
 class _Flow:
     """Tasks on their way."""
 
-    def __init__(self, client: "Client", work: Callable, name: str):
+    def __init__(
+        self, client: "Client", work: Callable, name: str, along: Callable | None, warm: bool
+    ):
         import cloudpickle
 
         distributed = needed("a cluster")
@@ -115,7 +120,8 @@ class _Flow:
         # No scattered data: those are gone for good with the workers that hold them.
         self._work = blob if len(blob) <= _INLINE else self._sent(blob)
         self._held: dict[Future, tuple[list, bool]] = {}
-        self._warm = False
+        self._along = along
+        self._warm = warm
         self._early: list[Future] = []
         self._looked = -_LOOK
         self._threads = 1
@@ -140,8 +146,9 @@ class _Flow:
             return
         # Named by work and items: who does the same at the same time shares the task.
         mark = hashlib.sha256(pickle.dumps(items)).hexdigest()[:32] + again * "-again"
+        more = None if self._along is None else [self._along(item) for item in items]
         future = self._client.submit(
-            worker.run, self._work, items, key=(self._name, mark), pure=False
+            worker.run, self._work, items, more, key=(self._name, mark), pure=False
         )
         self._held[future] = items, again
         self._as_completed.add(future)

@@ -27,12 +27,14 @@ def same(value: bytes) -> bytes:
     return value
 
 
-def run(blob: bytes, items: Sequence[Any]) -> list[Any]:
-    """The values of the pickled work for some items."""
+def run(blob: bytes, items: Sequence[Any], along: Sequence[Any] | None = None) -> list[Any]:
+    """The values of the pickled work for some items, each with what goes ``along``."""
     with _one:
         work = _read(blob)
         try:
-            return [work(item) for item in items]
+            if along is None:
+                return [work(item) for item in items]
+            return [work(item, more) for item, more in zip(items, along, strict=True)]
         finally:
             _memory.tidy()
 

@@ -18,8 +18,9 @@ is interpolated, so that every frame is judged. Source: Aristidou et al. 2018, �
 frames in all.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from typing import Literal, NamedTuple, TypeAlias
+from collections.abc import Iterator, Sequence
+from os import PathLike
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -30,17 +31,23 @@ from jaxmotion._checks import one_of, static
 from jaxmotion._entry import a_motion
 from jaxmotion._portable import Portable
 from jaxmotion._posture import upright
+from jaxmotion._stored import StoredClips
 from jaxmotion._summary import some
 from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.cleaning.elsewhere import elsewhere, mean_texture
-from jaxmotion.cleaning.groups import as_clips, joint_groups, one_skeleton
-from jaxmotion.cleaning.neighbours import Metric, Neighbours, nearest_words
+from jaxmotion.cleaning.groups import as_clips, groups_of, one_skeleton
+from jaxmotion.cleaning.neighbours import Neighbours, nearest_words
+from jaxmotion.cleaning.parts import connection, needs_corpus
+from jaxmotion.cleaning.search import Metric, Progress
+from jaxmotion.cleaning.stored import After, Shown, Thin, places
 from jaxmotion.cleaning.turns import between, vectors_between
 from jaxmotion.cleaning.words import texture
 from jaxmotion.motion import Motion
 
+if TYPE_CHECKING:
+    from distributed import Client
+
 Normalise: TypeAlias = Literal["scale", "row_mean"]
-Progress: TypeAlias = Callable[[int, int], None]
 
 WORD = 15  # frames
 TARGET = 20
@@ -79,21 +86,26 @@ def digression_map(
     normalise: Normalise = "scale",
     scale: ArrayLike = HALF,
     metric: Metric = "pose",
+    client: "Client | str | None" = None,
+    keep: str | PathLike | None = None,
     progress: Progress | None = None,
 ) -> Digression:
     """How far every joint is, in every frame, from what it does elsewhere in the same motion.
 
-    On the host; not differentiable, not under ``jit``.
+    On the host; not differentiable, not under ``jit``. Of a corpus that is larger than memory no
+    more is kept than the frames that neighbours show; it comes to what the list of its clips does,
+    bit for bit.
 
     **Arguments:** ``motion``: one clip, T frames; ``context``: clips of the same joints at any
-    rate; ``k``: how many neighbours of each word; ``normalise``: "scale", an MDM of ½ where a joint
-    is s from its neighbours' mean, or "row_mean", the paper's, where it is 0.83 times as far as it
-    is on average; ``scale``: s, radians, one number or f[J]; ``metric``: what words are
-    compared by, as :func:`nearest_words`; ``progress``: called with how many words are done, and
-    how many there are, of all groups.
+    rate, or a :class:`jaxmotion.corpus.Corpus`; ``k``: how many neighbours of each word;
+    ``normalise``: "scale", an MDM of ½ where a joint is s from its neighbours' mean, or "row_mean",
+    the paper's, where it is 0.83 times as far as it is on average; ``scale``: s, radians, one
+    number or f[J]; ``metric``: what words are compared by, ``client``: who searches a corpus,
+    ``keep``: a folder for what is found in its parts, all as :func:`nearest_words`; ``progress``:
+    called with how many words are done, and how many there are, of all groups.
     **Returns:** :class:`Digression`.
     **Raises:** ``ValueError`` for what is traced or not finite, clips of other joints, a scale that
-    is not above 0.
+    is not above 0; what :func:`nearest_words` raises for a ``client``.
 
     **Example:**
 
@@ -109,8 +121,11 @@ def digression_map(
     sizes = np.asarray(scale, np.float64)
     if sizes.shape not in ((), (motion.num_joints,)) or not (sizes > 0).all():
         raise ValueError(f"{caller}: scale={scale}; expected radians above 0, one or one a joint")
+    needs_corpus(caller, context, client, keep)
     setting = settled(caller, motion, context)
-    found = searched(setting, k, progress, metric)
+    with connection(client) as there:
+        found = searched(setting, k, progress, metric, client=there, keep=keep)
+    setting = _with_what_is_shown(setting, found)
     judged = digressed(setting, found, np.zeros(setting.textures[0].shape[:2], bool))
     if normalise == "row_mean":
         plain = np.linalg.norm(judged.plain, axis=-1)
@@ -123,12 +138,14 @@ def digression_map(
 
 
 class Setting(NamedTuple):
-    """A clip beside its context. ``clips``: thinned, the clip's first; ``joints``: those that tell;
-    ``own``: the clip's texture of these, f[T, J, 4], at its own rate; ``textures``: of the thinned
-    clips; ``step``: frames of the clip from one of the thinned to the next."""
+    """A clip beside its context. ``clips``: thinned, the clip's first, then the context's or one
+    corpus; ``joints``: those that tell; ``own``: the clip's texture of these, f[T, J, 4], at its
+    own rate; ``textures``: of the thinned clips, of a corpus only what is shown, when it is known;
+    ``step``: frames of the clip from one of the thinned to the next."""
 
     motion: Motion
-    clips: list[Motion]
+    clips: Sequence[Motion]
+    context: Sequence[Motion]
     groups: dict[str, tuple[int, ...]]
     joints: tuple[int, ...]
     own: np.ndarray
@@ -138,46 +155,75 @@ class Setting(NamedTuple):
 
 def settled(caller: str, motion: Motion, context: Motion | Sequence[Motion]) -> Setting:
     """The clip beside its context, at one rate of about 24 frames a second."""
-    others = as_clips(context)
-    clips = one_skeleton(caller, [motion, *others])
-    step, thin = thinned(clips)
-    groups = joint_groups(clips)
+    if isinstance(context, StoredClips):
+        (clip,) = one_skeleton(caller, motion)
+        if context.skeleton.names != motion.skeleton.names:
+            raise ValueError(f"{caller}: the corpus has other joints than the motion")
+        every, step = _steps(float(context[0].fps), float(motion.fps))
+        thin, groups = [clip[::step]], groups_of(After(clip, context))
+        rest: Sequence[Motion] = Thin(context, every, thin[0].frame_time)
+    else:
+        clips = one_skeleton(caller, [motion, *as_clips(context)])
+        step, thin = thinned(clips)
+        groups, rest = groups_of(clips), thin[1:]
     joints = groups.get("whole", ())
     stands = upright(motion)
     own, *textures = (
         np.asarray(texture(clip, joints, stands)) if joints else np.zeros((clip.num_frames, 0, 4))
         for clip in [motion, *thin]
     )
-    return Setting(motion, thin, groups, joints, own, textures, step)
+    return Setting(motion, thin, rest, groups, joints, own, textures, step)
+
+
+def _with_what_is_shown(setting: Setting, found: dict[str, Neighbours]) -> Setting:
+    """The setting, with those frames of a corpus that neighbours show."""
+    if not isinstance(setting.context, StoredClips):
+        return setting
+    shown = places(found.values())
+    stands = upright(setting.motion)
+    own = setting.textures[0]
+    return setting._replace(textures=Shown(own, setting.context, setting.joints, stands, shown))
 
 
 def thinned(clips: Sequence[Motion]) -> tuple[int, list[Motion]]:
     """The clips at one rate of about 24 frames a second, and every how many-th frame of the first
     that takes. What is left of a difference of rates is one of speeds, which words are warped over
     anyway."""
-    step = max(1, round(float(clips[0].fps) / FPS))
-    rate = float(clips[0].fps) / step
-    thin = [clip[:: max(1, round(float(clip.fps) / rate))] for clip in clips]
-    return step, [clip.replace(frame_time=thin[0].frame_time) for clip in thin]
+    pairs = [_steps(float(clip.fps), float(clips[0].fps)) for clip in clips]
+    thin = [clip[::every] for clip, (every, _) in zip(clips, pairs, strict=True)]
+    return pairs[0][1], [clip.replace(frame_time=thin[0].frame_time) for clip in thin]
+
+
+def _steps(fps: float, own: float) -> tuple[int, int]:
+    """Every how many-th frame is taken of a clip, and of the clip that it stands beside."""
+    step = max(1, round(own / FPS))
+    return max(1, round(fps / (own / step))), step
 
 
 def searched(
-    setting: Setting, k: int, progress: Progress | None, metric: Metric = "pose"
+    setting: Setting,
+    k: int,
+    progress: Progress | None,
+    metric: Metric = "pose",
+    *,
+    client: Any = None,
+    keep: str | PathLike | None = None,
 ) -> dict[str, Neighbours]:
     """The neighbours of the thinned clip's words, of every group."""
     many = len(setting.groups)
     found: dict[str, Neighbours] = {}
-    own, *context = setting.clips
     for done, (name, joints) in enumerate(setting.groups.items()):
         told = None if progress is None else _told(progress, done, many)
         found[name] = nearest_words(
-            own,
-            context,
+            setting.clips[0],
+            setting.context,
             k=k,
             length=WORD,
             target=TARGET,
             joints=joints,
             metric=metric,
+            client=client,
+            keep=keep,
             progress=told,
         )
     return found

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion.cleaning.neighbours import Neighbours
+from jaxmotion.cleaning.stored import taken
 
 _CHUNK = 256  # frames whose poses are gathered at once
 
@@ -54,10 +55,8 @@ def poses(
 ) -> Poses:
     """The poses at those places in clips' ``textures`` f[T, J, 4], of which the first is the own;
     entries of that which are ``left_out`` do not count, unless all of a frame's are such."""
-    first = np.cumsum([0, *(len(x) for x in textures)])
     there = shown.clip >= 0
-    index = np.where(there, first[shown.clip] + shown.frame, 0)
-    rotations = np.concatenate(textures)[index]
+    rotations = taken(textures, *(np.where(there, x, 0) for x in shown))
     counts = np.repeat(there[..., None], rotations.shape[2], axis=2)
     out = left_out[np.where(shown.clip == 0, shown.frame, 0)] & (shown.clip == 0)[..., None]
     kept = counts & ~out

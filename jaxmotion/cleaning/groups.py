@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float
 from jaxmotion._checks import known, traced
 from jaxmotion._entry import finite_clip
 from jaxmotion._posture import body_of
-from jaxmotion.cleaning.turns import mean_rotation, vectors_between
+from jaxmotion.cleaning.turns import vectors_between
 from jaxmotion.contacts import find_feet
 from jaxmotion.kinematics import mirrored_pairs
 from jaxmotion.motion import Motion
@@ -52,7 +52,12 @@ def joint_groups(motions: Motion | Sequence[Motion]) -> dict[str, tuple[int, ...
         >>> sorted(walk.skeleton.names[j] for j in groups["lower"])[:3]
         ['Hips', 'LeftFoot', 'LeftLeg']
     """
-    clips = one_skeleton("joint_groups", motions)
+    return groups_of(one_skeleton("joint_groups", motions))
+
+
+def groups_of(clips: Sequence[Motion]) -> dict[str, tuple[int, ...]]:
+    """The groups of clips that are known to be sound; they are gone through twice, one clip in
+    memory at a time."""
     skeleton = clips[0].skeleton
     body = body_of(clips[0])
     telling = informative(clips)
@@ -97,27 +102,54 @@ def one_skeleton(caller: str, motions: Motion | Sequence[Motion]) -> list[Motion
 
 def informative(clips: Sequence[Motion]) -> Bool[np.ndarray, " joint"]:
     """Which joints are none of still, small and copied."""
-    skeleton = clips[0].skeleton
-    q = np.concatenate([known(clip.rotations) for clip in clips])
-    one = np.broadcast_to(np.array([1, 0, 0, 0], q.dtype), q.shape)
-    middle = np.broadcast_to(mean_rotation(q), q.shape)
-    turns = vectors_between(middle, q).astype(np.float64)
-    squared = np.einsum("tja,tja->j", turns, turns)
-    still = squared <= len(q) * _STILL**2
-    # Copies show in the turns themselves, not in those about their means.
-    turns = vectors_between(one, q).astype(np.float64)
-    bones = _bones(clips)
-    copied = _copied(skeleton, bones, turns, ~still)
+    first = clips[0]
+    skeleton, kind = first.skeleton, first.dtype
+    moments = np.zeros((skeleton.num_joints, 4, 4))
+    usual, lengths = [], []
+    for clip in clips:
+        q = np.asarray(known(clip.rotations), np.float64).transpose(1, 0, 2)
+        moments += q.transpose(0, 2, 1) @ q
+        usual.append(np.median(np.asarray(known(clip.translations), np.float64), axis=0))
+        lengths.append(clip.num_frames)
+    middle = np.linalg.eigh(moments)[1][..., -1].astype(kind)
+    bones = _middle(np.stack(usual), np.array(lengths))
+    bones[: body_of(first) + 1] = 0
+    related = _related(skeleton, bones)
+    one = np.array([1, 0, 0, 0], kind)
+    away, squared = np.zeros((2, skeleton.num_joints))
+    together = np.zeros(len(related))
+    for clip in clips:
+        q = np.asarray(known(clip.rotations))
+        turns = _turns_from(middle, q)
+        away += np.einsum("tja,tja->j", turns, turns)
+        # Copies show in the turns themselves, not in those about their means.
+        turns = _turns_from(one, q)
+        squared += np.einsum("tja,tja->j", turns, turns)
+        together += [np.sum(turns[:, a] * turns[:, b]) for a, b in related]
+    still = away <= sum(lengths) * _STILL**2
+    copied = _copied(related, together, squared, ~still)
     return ~(still | _small(skeleton, bones) | _added(skeleton) | copied)
 
 
-def _bones(clips: Sequence[Motion]) -> Float[np.ndarray, "joint 3"]:
-    """From each joint's parent to it, as most of the time: files may move every joint. 0 down to
-    the joint that the body hangs from."""
-    every = np.concatenate([np.asarray(known(clip.translations), np.float64) for clip in clips])
-    bones = np.median(every, axis=0)
-    bones[: body_of(clips[0]) + 1] = 0
-    return bones
+def _turns_from(
+    rest: Float[np.ndarray, "*joint 4"], q: Float[np.ndarray, "time joint 4"]
+) -> Float[np.ndarray, "time joint 3"]:
+    return vectors_between(np.broadcast_to(rest, q.shape), q).astype(np.float64)
+
+
+def _middle(
+    usual: Float[np.ndarray, "clip joint 3"], lengths: np.ndarray
+) -> Float[np.ndarray, "joint 3"]:
+    """Where each joint is most of the time: files may move every one. The median of the clips'
+    medians, each as often as the clip has frames."""
+    order = np.argsort(usual, axis=0, kind="stable")
+    ordered = np.take_along_axis(usual, order, axis=0)
+    frames = 2 * np.cumsum(lengths[order], axis=0)
+    low, high = (
+        np.take_along_axis(ordered, (x).argmax(axis=0)[None], axis=0)[0]
+        for x in (frames >= lengths.sum(), frames > lengths.sum())
+    )
+    return (low + high) / 2
 
 
 def _small(skeleton: Skeleton, bones: Float[np.ndarray, "joint 3"]) -> Bool[np.ndarray, " joint"]:
@@ -147,30 +179,32 @@ def _added(skeleton: Skeleton) -> Bool[np.ndarray, " joint"]:
     return added
 
 
-def _copied(
-    skeleton: Skeleton,
-    bones: Float[np.ndarray, "joint 3"],
-    turns: Float[np.ndarray, "time joint 3"],
-    moves: Bool[np.ndarray, " joint"],
-) -> Bool[np.ndarray, " joint"]:
-    """The one of two that turns less, of those that turn together; of equals the later."""
+def _related(skeleton: Skeleton, bones: Float[np.ndarray, "joint 3"]) -> list[tuple[int, int]]:
+    """Joints of which one may be a copy of the other."""
     length = np.linalg.norm(bones, axis=-1)
-    squared = np.einsum("tja,tja->j", turns, turns)
-    copied = np.zeros(skeleton.num_joints, bool)
+    related = []
     for parent, children in enumerate(skeleton.children):
-        related = [(parent, j) for j in children] if parent else []
+        related += [(parent, j) for j in children] if parent else []
         related += [
             (a, b)
             for n, a in enumerate(children)
             for b in children[n + 1 :]
             if bones[a] @ bones[b] > _ALONG * length[a] * length[b]
         ]
-        for a, b in related:
-            if not (moves[a] and moves[b]):
-                continue
-            together = np.sum(turns[:, a] * turns[:, b])
-            if together**2 >= (1 - _COPIED) * squared[a] * squared[b]:
-                copied[b if squared[b] <= squared[a] else a] = True
+    return related
+
+
+def _copied(
+    related: list[tuple[int, int]],
+    together: Float[np.ndarray, " pair"],
+    squared: Float[np.ndarray, " joint"],
+    moves: Bool[np.ndarray, " joint"],
+) -> Bool[np.ndarray, " joint"]:
+    """The one of two that turns less, of those that turn together; of equals the later."""
+    copied = np.zeros(len(moves), bool)
+    for (a, b), both in zip(related, together, strict=True):
+        if moves[a] and moves[b] and both**2 >= (1 - _COPIED) * squared[a] * squared[b]:
+            copied[b if squared[b] <= squared[a] else a] = True
     return copied
 
 

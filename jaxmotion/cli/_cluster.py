@@ -17,7 +17,7 @@ import click
 
 from jaxmotion import __version__
 from jaxmotion._cluster import connections
-from jaxmotion._cluster.tasks import Lost, stream
+from jaxmotion._cluster.tasks import GROUP, Lost, stream
 from jaxmotion._plain import printable
 from jaxmotion.cli import _leaving, _session
 from jaxmotion.cli._files import Job
@@ -64,7 +64,7 @@ def on_cluster(
             name=f"jaxmotion-{name}",
             size=lambda job: _session.size_of(job.source),
             refused=refused,
-            **({"group": 1} if batch.fail_fast else {}),
+            group=1 if batch.fail_fast else GROUP,
         )
         for job, value in stack.enter_context(closing(pairs)):
             if isinstance(value, Lost):

@@ -28,6 +28,7 @@ import numpy as np
 from jaxmotion._checks import one_of, warn
 from jaxmotion._entry import skeleton_of
 from jaxmotion._plain import quoted
+from jaxmotion._stored import StoredClips
 from jaxmotion._summary import line, some
 from jaxmotion._types import Key
 from jaxmotion.corpus.draws import entropy_of, generator
@@ -48,7 +49,7 @@ OnError: TypeAlias = Literal["raise", "skip"]
 _SMALLEST = 16
 
 
-class Corpus(Sequence[Motion]):
+class Corpus(StoredClips):
     """Many clips as one value: of one skeleton, at one rate, read when they are asked for.
 
     ``corpus[i]`` is a :class:`~jaxmotion.Motion`, as :func:`jaxmotion.load` gives it;
@@ -234,6 +235,14 @@ class Corpus(Sequence[Motion]):
         """
         places = np.array([self._view.store.place(k)[0] for k in self._view.numbers.tolist()])
         return tuple(self.subset(places == group) for group in dict.fromkeys(places.tolist()))
+
+    def digest(self) -> str:
+        """A text that only these clips have, in this order and brought to these options: of files
+        their places, sizes and times of change, as for the cache; wherever that is.
+
+        **Returns:** 32 letters.
+        """
+        return self._view.digest()
 
     def windows(
         self,

@@ -9,7 +9,7 @@ import os
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from importlib import metadata
 from os import PathLike
@@ -19,8 +19,9 @@ from typing import TYPE_CHECKING, NamedTuple
 from jaxmotion._checks import static
 from jaxmotion._cluster.connections import connected
 from jaxmotion._cluster.tasks import Lost, stream
-from jaxmotion._compilation_cache import keep_programs
+from jaxmotion._compilation_cache import folder_of_programs, share_programs
 from jaxmotion._plain import in_words, printable
+from jaxmotion._width import kept_wide, wide
 from jaxmotion.corpus import places
 from jaxmotion.io import MotionFileError, load, save
 from jaxmotion.io.atomic import remove_abandoned, replacing
@@ -137,10 +138,7 @@ def map(
 def _on_cluster(
     client: "Client | str", work: "_Work", jobs: list[_File], note: Callable[[Mapped], None]
 ) -> None:
-    import jax
-
-    config = jax.config
-    there = _There(work, config.jax_enable_x64, config.jax_compilation_cache_dir, os.getcwd())  # type: ignore[attr-defined]
+    there = _There(work, wide(), folder_of_programs(), os.getcwd())
     with ExitStack() as stack:
         stack.callback(_remove_temporary, jobs)
         connection = stack.enter_context(connected(client))
@@ -203,10 +201,7 @@ class _There:
 
     def prepare(self) -> None:
         """Import JAX, and share the folder of compiled programs."""
-        import jax
-
-        if self.cache and not jax.config.jax_compilation_cache_dir and Path(self.cache).is_dir():  # type: ignore[attr-defined]
-            keep_programs(Path(self.cache))
+        share_programs(self.cache)
 
     def __call__(self, job: _File) -> Mapped:
         if (here := metadata.version("jax")) != self.release:
@@ -214,7 +209,7 @@ class _There:
             return Mapped(*job, "failed", wanted)
         self.prepare()
         seen = _File(*(places.within(self.folder, name) for name in job))
-        with _x64(self.x64), replacing():
+        with kept_wide(self.x64), replacing():
             status = self.work(seen)
         return status._replace(source=job.source, target=job.target)
 
@@ -281,13 +276,3 @@ def _described(error: BaseException) -> str:
         return f"{where}{in_words(error)}"
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__
-
-
-def _x64(on: bool) -> AbstractContextManager:
-    """64-bit types, on or off, for a while and for this thread only."""
-    import jax
-
-    setting = getattr(jax, "enable_x64", None)
-    if setting is None:  # before JAX 0.8
-        from jax.experimental import enable_x64 as setting  # type: ignore[attr-defined]
-    return setting(on)

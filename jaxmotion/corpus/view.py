@@ -1,5 +1,6 @@
 """Some of the clips of a store, as motions."""
 
+import hashlib
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any
@@ -26,6 +27,14 @@ class View:
     def key(self) -> tuple:
         """What tells two views apart."""
         return tuple(map(str, self.store.files)), tuple(self.numbers.tolist())
+
+    def digest(self) -> str:
+        """What tells what is in two views apart."""
+        shards = [path.name for path in self.store.files]
+        about = [
+            (shards[group], row) for group, row in map(self.store.place, self.numbers.tolist())
+        ]
+        return hashlib.blake2b(repr(about).encode(), digest_size=16).hexdigest()
 
     @property
     def names(self) -> tuple[str, ...]:

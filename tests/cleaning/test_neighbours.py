@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
 from jaxmotion._posture import posture, upright
-from jaxmotion.cleaning import nearest_words, neighbours
+from jaxmotion.cleaning import nearest_words, search
 from jaxmotion.cleaning.words import texture
 from tests.cleaning.clips import frame_distance, repeating, word_distance
 from tests.helpers import no_shape_checks
@@ -180,7 +180,7 @@ def test_blocks_and_progress(monkeypatch):
     """Words go in blocks; all of them are told of, in order."""
     motion, told = repeating(11, 120), []
     whole = nearest_words(motion, joints=None)
-    monkeypatch.setattr(neighbours, "_WORDS", 4)
+    monkeypatch.setattr(search, "_WORDS", 4)
     same(whole, nearest_words(motion, joints=None, progress=lambda *x: told.append(x)))
     assert told == [(4, 22), (8, 22), (12, 22), (16, 22), (20, 22), (22, 22)]
     few = nearest_words(motion, joints=None, stride=3)
@@ -228,10 +228,10 @@ def test_what_is_wrong_is_said():
 def test_what_interrupts_ends_the_search(monkeypatch):
     """Blocks that wait are not begun."""
     begun = []
-    monkeypatch.setattr(neighbours, "_WORDS", 4)
-    monkeypatch.setattr(neighbours, "_cores", lambda: 1)
-    search = neighbours._search
-    monkeypatch.setattr(neighbours, "_search", lambda *x: begun.append(1) or search(*x))
+    monkeypatch.setattr(search, "_WORDS", 4)
+    monkeypatch.setattr(search, "_cores", lambda: 1)
+    of_block = search._of_block
+    monkeypatch.setattr(search, "_of_block", lambda *x: begun.append(1) or of_block(*x))
 
     def stop(done, every):
         raise KeyboardInterrupt
