@@ -153,12 +153,10 @@ def nearest_words(
         raise ValueError(f"{caller}: trim={trim}; expected less than the {len(chosen)} joints")
     stands = upright(motion)
     words = np.asarray((texture if metric == "pose" else points)(motion, chosen, stands))
-    starts, shape = (
-        word_starts(len(words), length, stride),
-        WordShape(length, target, _RUN, target // 2 + 1),
-    )
+    starts = word_starts(len(words), length, stride)
+    shape = WordShape(length, target, _RUN, target // 2 + 1)
     query = Query(
-        *(words, starts, np.asarray(stands), chosen),
+        *(words, starts, stride, np.asarray(stands), chosen),
         *(int(k), shape, int(trim), pairs, metric, own, dtype),
     )
     found, many = all_nearest(query, clips, frames, client=client, keep=keep, progress=progress)

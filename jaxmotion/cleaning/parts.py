@@ -45,7 +45,7 @@ Told: TypeAlias = Callable[[int], None]
 
 PROCESSES = "processes"
 _FRAMES = 32768  # of a part
-_WORDS = 256  # of a task
+_WORDS = 128  # of a task
 _LAYOUT = 1  # of kept files,
 _SUM = 16  # which begin with so many bytes of a hash of the rest
 

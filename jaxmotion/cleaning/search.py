@@ -27,12 +27,13 @@ _FIRST = 48  # targets of least bound that are warped first
 
 class Query(NamedTuple):
     """What is looked for, in NumPy: ``words`` f[T, J, 4] or f[T, J, 6], the clip as it is compared;
-    ``starts`` i[W]; ``stands`` f[3] and ``joints``, by which other clips are brought to that;
-    ``k``, ``shape``, ``trim``, ``pairs``, ``metric``, ``own``: as :func:`nearest_words` has them;
-    ``dtype``: that all is computed in."""
+    ``starts`` i[W], ``stride`` apart at most; ``stands`` f[3] and ``joints``, by which other clips
+    are brought to that; ``k``, ``shape``, ``trim``, ``pairs``, ``metric``, ``own``: as
+    :func:`nearest_words` has them; ``dtype``: that all is computed in."""
 
     words: np.ndarray
     starts: np.ndarray
+    stride: int
     stands: Any
     joints: tuple[int, ...]
     k: int
@@ -118,7 +119,7 @@ def _of_block(query: Query, pool: Pool, mesh: Mesh, starts: np.ndarray, bound: n
     filled = np.append(starts, np.repeat(starts[-1:], size - len(starts)))
     filled = filled.reshape(mesh.size, _WORDS)
     first = filled[:, :1]
-    rows = first + np.arange(max(_rows(x, shape) for x in filled))
+    rows = first + np.arange(_rows(filled, query))
     words = query.words[np.minimum(rows, len(query.words) - 1)].astype(query.dtype, copy=False)
     d = frame_distances(words, pool.poses, query.trim, mesh)
     known = Pairs(d, filled - first, shape, len(starts), pool, mesh)
@@ -167,9 +168,12 @@ def _warp_what_may_be_near(known: Pairs, allowed: np.ndarray, k: int, bound: np.
             return
 
 
-def _rows(places: np.ndarray, shape: WordShape) -> int:
-    """Rows of a block of words, one number for all full blocks."""
-    return int(places[-1] - places[0]) + shape.length
+def _rows(starts: np.ndarray, query: Query) -> int:
+    """Rows of a block of words: as many as full blocks have, or a half or a quarter of them, for
+    every number is compiled for."""
+    needed = int((starts[:, -1] - starts[:, 0]).max()) + query.shape.length
+    full = (_WORDS - 1) * query.stride + query.shape.length
+    return min(size for size in (-(-full // 4), -(-full // 2), full) if size >= needed)
 
 
 def _least_bounded(bounds: np.ndarray, many: int) -> np.ndarray:
