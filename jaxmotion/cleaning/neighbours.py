@@ -13,7 +13,7 @@ more until K local minima are known to be; what could still come before the last
 then, and nothing else. A target is known for a minimum when the targets beside it are warped or
 their bounds are above it. The answer is that of warping all pairs, bit for bit.
 
-Words go in blocks, side by side on the host's cores, or its devices; clips in parts of some 20
+Words go in blocks, side by side on the host's cores, or its devices; clips in parts of some ten
 minutes (:mod:`.parts`), each of which has no more to look for than what may come before what was
 found so far. Memory O(block · part), whatever the number of clips. Source: Aristidou et al. 2018,
 §3; the bounds are ours.
@@ -21,7 +21,7 @@ found so far. Memory O(block · part), whatever the number of clips. Source: Ari
 
 from collections.abc import Iterator, Sequence
 from os import PathLike
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -140,34 +140,59 @@ def nearest_words(
         ((18, 2), True)
     """
     caller = "nearest_words"
+    needs_corpus(caller, context, client, keep)
+    clips, frames, dtype = _looked_at(caller, motion, context)
+    options = {"k": k, "trim": trim, "own": own, "pairs": pairs, "metric": metric, "dtype": dtype}
+    query = _query(caller, motion, joints, (length, stride, target), **options)
+    found, many = all_nearest(query, clips, frames, client=client, keep=keep, progress=progress)
+    there = found.clip[..., None] >= 0
+    return Neighbours(
+        *(jnp.asarray(x) for x in (query.starts.astype(np.int32), found.clip, found.frame)),
+        distance=jnp.asarray(found.distance),
+        warp=jnp.asarray(np.where(there, found.frame[..., None] + found.warp.astype(np.int32), -1)),
+        left_out=jnp.asarray(found.left_out),
+        warped=found.warped / max(many, 1),
+        joints=query.joints,
+    )
+
+
+def _query(
+    caller: str,
+    motion: Motion,
+    joints: str | Sequence[int | str] | None,
+    sizes: tuple[int, int, int],
+    *,
+    k: int,
+    trim: int | None,
+    pairs: Tried,
+    metric: Metric,
+    **rest: Any,
+) -> Query:
+    """What is looked for, if it can be; ``sizes``: length, stride, target."""
+    length, stride, target = sizes
     one_of(f"{caller}: pairs", pairs, ("bounded", "all"))
     one_of(f"{caller}: metric", metric, ("pose", "points"))
     check_sizes(caller, length, stride)
     if not (isinstance(k, (int, np.integer)) and k >= 1 and target >= length):
         raise ValueError(f"{caller}: k={k}, target={target}; expected 1 and {length} at least")
-    needs_corpus(caller, context, client, keep)
-    clips, frames, dtype = _looked_at(caller, motion, context)
     chosen = chosen_joints(caller, motion, joints)
     trim = (len(chosen) // TRIMMED if metric == "pose" else 0) if trim is None else trim
     if not 0 <= trim < len(chosen):
         raise ValueError(f"{caller}: trim={trim}; expected less than the {len(chosen)} joints")
     stands = upright(motion)
     words = np.asarray((texture if metric == "pose" else points)(motion, chosen, stands))
-    starts = word_starts(len(words), length, stride)
-    shape = WordShape(length, target, _RUN, target // 2 + 1)
-    query = Query(
-        *(words, starts, stride, np.asarray(stands), chosen),
-        *(int(k), shape, int(trim), pairs, metric, own, dtype),
-    )
-    found, many = all_nearest(query, clips, frames, client=client, keep=keep, progress=progress)
-    there = found.clip[..., None] >= 0
-    return Neighbours(
-        *(jnp.asarray(x) for x in (starts.astype(np.int32), found.clip, found.frame)),
-        distance=jnp.asarray(found.distance),
-        warp=jnp.asarray(np.where(there, found.frame[..., None] + found.warp.astype(np.int32), -1)),
-        left_out=jnp.asarray(found.left_out),
-        warped=found.warped / max(many, 1),
-        joints=chosen,
+    return Query(
+        words,
+        word_starts(len(words), length, stride),
+        stride,
+        np.asarray(stands),
+        chosen,
+        k=int(k),
+        shape=WordShape(length, target, _RUN, target // 2 + 1),
+        trim=int(trim),
+        pairs=pairs,
+        metric=metric,
+        **rest,
     )
 
 

@@ -1,6 +1,6 @@
 """The search for the nearest words in clips of any number, a part of them at a time.
 
-A part is some clips on end, of 32768 frames, or one that is longer: what is in memory at once. In
+A part is some clips on end, of 16384 frames, or one that is longer: what is in memory at once. In
 every part the K least of a word's local minima are found, and merged by (distance, clip, frame):
 the answer for all, as a minimum depends on its own clip only, no clip is in two parts, and a pair's
 distance is the same number whatever is computed beside it. The K-th distance so far bounds what is
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 Told: TypeAlias = Callable[[int], None]
 
 PROCESSES = "processes"
-_FRAMES = 32768  # of a part
+_FRAMES = 16384  # of a part
 _WORDS = 128  # of a task
 _LAYOUT = 1  # of kept files,
 _SUM = 16  # which begin with so many bytes of a hash of the rest
