@@ -7,7 +7,7 @@ word of all of them in all of them, by one worker of one core and by two, in tur
 search that compiled: seconds, those of the busiest worker's core (on a machine that does other
 things, what two workers would take by themselves), the largest worker. Then a corpus of so many
 hours, made of the clips by time warps and small turns of joints held through a clip, all of a seed:
-the words of a clip in parts of it, by two workers: seconds, the share of pairs that were warped,
+words of a clip in parts of it, by two workers: seconds, the share of pairs that were warped,
 seconds a million pairs of words and targets, memory of client and workers together.
 """
 
@@ -85,14 +85,13 @@ def race(corpus: jm.corpus.Corpus, rounds: int) -> None:
 
 def hours(corpus: jm.corpus.Corpus, small: jm.corpus.Corpus) -> None:
     """Times by words and frames."""
-    clip = max(small, key=len)
-    clip = clip[: 47 * 5 + 10]
+    clip = joined(small)[: 188 * 5 + 10]
     many = len(corpus)
     with at_work(2) as (client, watch):
-        jm.cleaning.nearest_words(clip, corpus[:30], client=client)
+        jm.cleaning.nearest_words(clip, corpus[:300], client=client)
         print("| words | hours | warped | seconds | core seconds | a million pairs | total MB |")
         print("|---|---|---|---|---|---|---|")
-        for words, share in ((47, 0.25), (47, 0.5), (47, 1.0), (24, 1.0), (12, 1.0)):
+        for words, share in ((47, 0.25), (47, 0.5), (47, 1.0), (94, 1.0), (188, 1.0)):
             part = corpus[: round(many * share)]
             query, frames = clip[: words * 5 + 10], int(part.lengths.sum())
             watch.begin()

@@ -5,8 +5,10 @@ import operator
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
+from jaxmotion._checks import has_type
 from jaxmotion._stored import StoredClips
 from jaxmotion.cleaning.words import texture
 from jaxmotion.motion import Motion
@@ -43,7 +45,10 @@ class Thin(StoredClips):
 
     def __getitem__(self, index: Any) -> Any:
         clip = self._corpus[operator.index(index)]
-        return clip[:: self._every].replace(frame_time=self._frame_time)
+        # In NumPy: JAX would compile a slice of every length.
+        thin = (np.asarray(x)[:: self._every] for x in (clip.translations, clip.rotations))
+        t, q = (jax.device_put(x) if has_type(self.dtype) else x for x in thin)
+        return clip.replace(translations=t, rotations=q, frame_time=self._frame_time)
 
 
 class After(Sequence[Motion]):

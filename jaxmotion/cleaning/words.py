@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._checks import one_of, static, traced
+from jaxmotion._checks import known, one_of, static, traced
 from jaxmotion._entry import finite_clip
 from jaxmotion._portable import Portable
 from jaxmotion._posture import axes_of, body_of, posture, upright
@@ -122,13 +122,15 @@ def texture(
     """Rotations of the joints, the body's without its yaw; ``stands``: the axis of the body that
     points up, by default the one that does most of the time."""
     body, chosen = body_of(motion), np.array(joints, int)
+    # In NumPy if it can be: JAX would compile that for every length.
+    rotations = known(motion.rotations)[:, chosen]
     if body not in joints:
-        return jax.device_put(motion.rotations[:, chosen])
+        return jax.device_put(rotations)
     room = room_for(motion)
     leans = room.cut(_lean(room.fill(motion), upright(motion) if stands is None else stands))
     if traced(leans):
         return jnp.asarray(motion.rotations)[:, chosen].at[:, joints.index(body)].set(leans)
-    rotations = np.array(motion.rotations[:, chosen])
+    rotations = np.array(rotations)
     rotations[:, joints.index(body)] = leans
     return jax.device_put(rotations)
 
