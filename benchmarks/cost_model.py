@@ -1,6 +1,7 @@
 """What every verb costs a frame and joint, and what that makes of a large folder.
 
     python benchmarks/cost_model.py FILES... [--clips 10] [--verbs denoise,convert]
+    python benchmarks/cost_model.py --table benchmarks/results/cost-DATE.json
 
 Of the FILES, clips of spread sizes are taken. Every verb runs in a process of its own that has one
 core, as a worker does: once on every clip to compile, then again, three times for the median.
@@ -11,7 +12,7 @@ process holds between clips, once what was freed is given back. Bytes are those 
 Prints a row a verb: ms a clip, µs a frame and joint; memory of a clip, of a frame and joint; bytes
 written a frame and joint; seconds to compile for a size; memory of the process at the end. Writes
 benchmarks/results/cost-DATE.json, beside verbs measured before on that day: "seconds" and "memory"
-are a and b; with versions, machine and load. docs/scale.md is made of these figures.
+are a and b; with versions, machine and load. --table prints those of docs/scale.md.
 """
 
 import argparse
@@ -63,11 +64,15 @@ VERBS = {
 def main() -> None:
     """Every verb, then the table and the record."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("files", nargs="+", type=Path)
+    parser.add_argument("files", nargs="*", type=Path)
+    parser.add_argument("--table", type=Path)
     parser.add_argument("--clips", type=int, default=10)
     parser.add_argument("--verbs", default=",".join(VERBS))
     parser.add_argument("--alone", action="store_true", help=argparse.SUPPRESS)
     given = parser.parse_args()
+    if given.table:
+        print(*tables(json.loads(given.table.read_text())["verbs"]), sep="\n")
+        return
     if given.alone:
         print(json.dumps(measured(VERBS[given.verbs], given.files)))
         return
@@ -209,20 +214,55 @@ def fitted(sizes: np.ndarray, values: list[float]) -> list[float]:
     return [float(x) for x in nnls(rows, np.ones_like(sizes))[0]]
 
 
-def line(verb: str, row: dict) -> str:
+def line(verb: str, row: dict, *, brief: bool = False) -> str:
     """A row of the table."""
     (once, each), (base, grown) = row["seconds"], row["memory"]
     cells = (
         verb,
         f"{1e3 * once:.0f} ms",
         f"{1e6 * each:.2f} µs",
-        f"{base / 2**20:.0f} MB",
+        *([] if brief else [f"{base / 2**20:.0f} MB"]),
         f"{grown:.0f} B",
         f"{row['written']:.0f} B",
         f"{row['first']:.1f} s",
         f"{row['held'] / 2**20:.0f} MB",
     )
     return f"| {' | '.join(cells)} |" + "".join(f" failed: {told}" for told in row["failed"])
+
+
+# A body of 22 joints at 30 frames a second: what is reckoned for it.
+JOINTS, FPS = 22, 30
+HOURS, TAKE = 100, 60  # of takes of a minute
+CLIPS, FRAMES = 50_000, 160
+
+
+def tables(verbs: dict) -> list[str]:
+    """Costs by verb, and what much of it takes."""
+    lines = [
+        "| verb | a clip | a frame and joint | memory of it | written of it | a size, compiled "
+        "| held |",
+        "|---|---|---|---|---|---|---|",
+        *(line(verb, row, brief=True) for verb, row in verbs.items()),
+        "",
+        "| verb | 100 hours, 1 core | 16 cores | 100 workers | 50 000 clips, 1 core | 16 cores "
+        "| 100 workers |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for verb, row in verbs.items():
+        once, each = row["seconds"]
+        takes = HOURS * 3600 / TAKE
+        whole = takes * (once + each * JOINTS * FPS * TAKE)
+        folder = CLIPS * (once + each * JOINTS * FRAMES)
+        cells = [told(x / n) for x in (whole, folder) for n in (1, 16, 100)]
+        lines.append(f"| {verb} | {' | '.join(cells)} |")
+    return lines
+
+
+def told(seconds: float) -> str:
+    """42 s, 3 min, 2.5 h."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 if __name__ == "__main__":

@@ -45,9 +45,9 @@ def smoothed(clip, parallel):
 FUNCTIONS = {
     "forward_kinematics": lambda clip: jm.forward_kinematics(clip).positions,
     "kinematics' gradient": moved,
-    "lgs, frame by frame": lambda clip: smoothed(clip, parallel=False),
-    "lgs, parallel": lambda clip: smoothed(clip, parallel=True),
-    "denoise, λσ given": lambda clip: jm.denoise(clip, tune=False).rotations,
+    "lgs frame by frame": lambda clip: smoothed(clip, parallel=False),
+    "lgs in parallel": lambda clip: smoothed(clip, parallel=True),
+    "denoise with λσ given": lambda clip: jm.denoise(clip, tune=False).rotations,
     "denoise": lambda clip: jm.denoise(clip).rotations,
     "decompose": lambda clip: jm.decompose(clip).base.rotations,
     "build_pyramid": jm.multiresolution.build_pyramid,
