@@ -25,8 +25,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 import jaxmotion as jm
@@ -77,7 +79,7 @@ def clip(
     orders = [_full([n[0] for n in told if n.endswith("rotation")]) for told in every]
     rotations = np.stack(
         [
-            np.asarray(jm.quaternion.from_euler(angles[:, j], order, degrees=True))
+            np.asarray(jm.quaternion.from_euler(jnp.asarray(angles[:, j]), order, degrees=True))
             for j, order in enumerate(orders)
         ],
         1,
@@ -108,7 +110,7 @@ def _full(letters: list[str]) -> str:
 
 
 # Options of jm.save.
-SAVED = {"the same, still_positions=False": {"still_positions": False}}
+SAVED: dict[str, Any] = {"the same, still_positions=False": {"still_positions": False}}
 SIX = {j: POSITIONS + turns("ZXY") for j in range(7)}
 CASES: dict[str, Callable[[], jm.Motion]] = {
     "usual": clip,

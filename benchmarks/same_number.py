@@ -16,6 +16,7 @@ import sys
 import warnings
 from importlib.metadata import version
 from itertools import product
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -35,7 +36,7 @@ wrong: list[str] = []
 ORDERS = [a + b + c for a, b, c in product("XYZ", repeat=3) if a != b != c]
 
 
-def peer(module: str, package: str | None = None):
+def peer(module: str, package: str | None = None) -> Any:
     """A module, and None with a word where it is not there."""
     try:
         found = importlib.import_module(module)
@@ -66,7 +67,7 @@ def turned(relation: str, ours, theirs, within: float = 1e-12) -> None:
     _tell(relation, off, "within", within, off <= within)
 
 
-def holds(relation: str, true: bool) -> None:
+def holds(relation: str, true: object) -> None:
     """Assert what is no number."""
     _tell(relation, 0.0, "", 0.0, bool(true))
 
@@ -450,7 +451,7 @@ def rotations() -> None:
     for name, cls in (("scipy", Rotation), ("jax.scipy", JaxRotation)):
         for order in ORDERS + [o.lower() for o in ORDERS]:
             turn = cls.from_euler(order, angles)
-            made = quaternion.from_euler(angles, order)
+            made = quaternion.from_euler(jnp.asarray(angles), order)
             if quaternion.distance(made, quaternion.from_xyzw(turn.as_quat())).max() > 1e-12:
                 holds(f"{name} from_euler({order!r}) = from_euler", False)
         holds(
@@ -514,7 +515,7 @@ def rotations() -> None:
     karcher = quaternion.mean(q, w)
     away = float(quaternion.distance(karcher, mean))
     _tell(
-        'our default, "karcher", is not it: radians, samples 1.3 rad apart',
+        'our default, "karcher", is not it: radians, spread by 1.3 rad',
         away,
         "more than",
         0.1,
@@ -522,7 +523,7 @@ def rotations() -> None:
     )
     near = np.asarray(quaternion.exp(0.1 * rng.normal(size=(9, 3))))
     turned(
-        '... "karcher" and "chordal" of samples 0.15 rad apart',
+        '... "karcher" and "chordal" of spread by 0.15 rad',
         quaternion.mean(near),
         quaternion.mean(near, method="chordal"),
         2e-3,
@@ -569,6 +570,14 @@ def rotations() -> None:
             "at a half turn it has the other sign: both are right",
             quaternion.log(half_turn),
             -there.SO3(jnp.asarray(half_turn)).log(),
+        )
+        slopes = (
+            jax.jacfwd(lambda v: there.SO3.exp(v).wxyz)(jnp.zeros(3)),
+            jax.jacfwd(lambda one: there.SO3(one).log())(jnp.array([1.0, 0, 0, 0])),
+        )
+        holds(
+            "derivatives of exp at 0 and log at the identity are finite",
+            all(jnp.isfinite(slope).all() for slope in slopes),
         )
         turned(
             'from_rpy_radians(a, b, c) = from_euler([a, b, c], "xyz")',
