@@ -395,6 +395,7 @@ def test_a_bad_clip_names_itself_and_leaves_the_others_alone(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("dtype", [pytest.param(np.float32, marks=pytest.mark.sweep), np.float64])
 @_whole
 def test_programs_without_callbacks_are_exported(name, dtype):
     motion = clip(dtype=dtype)

@@ -61,7 +61,10 @@ CALLS = {
 }
 
 
-@pytest.mark.parametrize("call", CALLS)
+@pytest.mark.parametrize(
+    "call",
+    [pytest.param(call, marks=pytest.mark.sweep if call == "restore" else ()) for call in CALLS],
+)
 def test_the_numbers_are_those_of_the_clips_own_size(walk, compiled, call):
     """Also for another length, for which nothing is compiled."""
     function, clip, other = CALLS[call], walk[:41], walk[:57]

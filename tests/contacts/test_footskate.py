@@ -162,7 +162,7 @@ def test_single_precision_jit_and_vmap(skating):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stretch", [0.0, 0.03])
+@pytest.mark.parametrize("stretch", [0.0, pytest.param(0.03, marks=pytest.mark.sweep)])
 def test_gradients(stretch):
     """Far from knees at full length, where a root that must move adds kinks."""
     walk = jm.samples.walk(12, fps=30.0).motion

@@ -109,7 +109,11 @@ def test_a_fast_joint_leaves_no_noise_in_a_still_one():
 
 @pytest.mark.parametrize(
     ("method", "prior"),
-    [("chordal", "student"), ("chordal", "gaussian"), ("geodesic", "student")],
+    [
+        ("chordal", "student"),
+        ("chordal", "gaussian"),
+        pytest.param("geodesic", "student", marks=pytest.mark.sweep),
+    ],
 )
 def test_denoise_is_the_tuned_layers_without_the_residual(method, prior):
     motion = swinging(frames=30)

@@ -171,6 +171,7 @@ def test_euler_angles_do_not_reproduce_them(tumbling, order):
         assert 0.5 < max(worst) <= np.pi
 
 
+@pytest.mark.sweep  # those through loops are tested in test_kernels.py
 def test_second_derivatives_by_a_gain():
     """Deep enough that the coarse levels run in a loop."""
     clip = swaying(40, seed=5, moving=True)

@@ -138,7 +138,9 @@ def test_derivatives():
     assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves((value, slopes)))
 
 
-@pytest.mark.parametrize(("frames", "levels"), [(152, 1), (9, 2)])
+@pytest.mark.parametrize(
+    ("frames", "levels"), [pytest.param(152, 1, marks=pytest.mark.sweep), (9, 2)]
+)
 def test_derivatives_by_poses_and_times(frames, levels):
     """Both ways that a level is computed: for its own size, and in a loop."""
     clip = swaying(frames, joints=1)

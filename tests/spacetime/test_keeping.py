@@ -88,13 +88,14 @@ def test_exaggerated_capture(data_dir):
     check_quality(motion[part], jm.synthesize(layers, 2.0)[part])
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 def test_exaggerated_capture_whole(data_dir):
     """Of the walks of the Bandai set the one whose feet have to hurry most."""
     motion = jm.load(data_dir / "bandai" / "walk_childish_001.bvh")
     check_quality(motion, jm.stylize(motion, 2.0))
 
 
+@pytest.mark.sweep  # a walk in single precision is tested below
 def test_exaggerated_capture_in_single_precision(data_dir):
     """Heel and ball of a foot are one body: their rows left float32 without a root after a step,
     33 cm from the answer."""
