@@ -240,14 +240,20 @@ def test_functions_that_pages_name_are_there():
                 thing = getattr(thing, part)
 
 
-def test_every_public_name_has_a_page():
-    """The site has what the docstrings' tests call public, each under a room that has a page."""
+@pytest.fixture(scope="module")
+def rooms():
+    """The site's extension, where its generator is installed."""
     spec = importlib.util.spec_from_file_location("rooms", DOCS / "_ext" / "rooms.py")
-    rooms = importlib.util.module_from_spec(spec)
+    module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(rooms)
+        spec.loader.exec_module(module)
     except ModuleNotFoundError as error:
         pytest.skip(f"no {error.name}: pip install '.[docs]'")
+    return module
+
+
+def test_every_public_name_has_a_page(rooms):
+    """The site has what the docstrings' tests call public, each under a room that has a page."""
     described = {id(thing) for thing in rooms.public().values()}
     missing = [name for name, thing in _public().items() if id(thing) not in described]
     assert not missing
@@ -257,13 +263,7 @@ def test_every_public_name_has_a_page():
     assert {rooms.room_of(name) for name in rooms.public()} <= set(rooms.ROOMS)
 
 
-def test_docstrings_become_lists_and_tables():
-    spec = importlib.util.spec_from_file_location("rooms", DOCS / "_ext" / "rooms.py")
-    rooms = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(rooms)
-    except ModuleNotFoundError as error:
-        pytest.skip(f"no {error.name}: pip install '.[docs]'")
+def test_docstrings_become_lists_and_tables(rooms):
     text = """Smooth a signal.
 
     y = A x

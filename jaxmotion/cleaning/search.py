@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from jax.sharding import Mesh
 
+from jaxmotion._cluster.connections import cores
 from jaxmotion._width import kept_wide, wide
 from jaxmotion.cleaning.bound import WordShape
 from jaxmotion.cleaning.pairs import Pairs, Pool, frame_distances
@@ -103,12 +104,8 @@ def search(
 
 def _cores() -> int:
     """How many there are for this process, or its share: what JAX's threads are told by."""
-    if hasattr(os, "sched_getaffinity"):
-        there = len(os.sched_getaffinity(0))
-    else:
-        there = os.cpu_count() or 1
     share = os.environ.get("NPROC", "")
-    return min(there, int(share)) if share.isdecimal() and int(share) else there
+    return min(cores(), int(share)) if share.isdecimal() and int(share) else cores()
 
 
 def _of_block(query: Query, pool: Pool, mesh: Mesh, starts: np.ndarray, bound: np.ndarray) -> Found:
