@@ -20,7 +20,7 @@ FLOORS = (
     (
         *("_types", "_numerics", "_checks", "_autodiff"),
         *("_portable", "_summary", "_lazy", "_likely", "_plain", "_file_facts", "_asf_bone"),
-        *("_program", "_compilation_cache", "_cluster", "_width"),
+        *("_program", "_compilation_cache", "_cluster", "_width", "_caller"),
     ),
     ("quaternion", "linalg", "frames"),
     (
@@ -44,6 +44,7 @@ SIDEWAYS = {
     "_portable": {"_summary"},
     "_asf_bone": {"_portable"},
     "_cluster": {"_lazy", "_plain"},
+    "_caller": {"_compilation_cache", "_width"},
     "_program": {"_checks"},
     "motion": {"skeleton"},
     "_entry": {"skeleton", "motion"},

@@ -5,6 +5,7 @@ cores, for JAX would start a thread a core in every one. They listen on this mac
 gone when the process is that started them, however it went.
 """
 
+import functools
 import logging
 import os
 import signal
@@ -28,6 +29,16 @@ _GLANCE = 1.0  # seconds between looks at whether all workers of this machine ar
 _RESTART = 5.0  # seconds that dask may take to begin with a new worker,
 _START = 30.0  # and that this may take to be there
 
+# Of dask's settings, those that cost a core's time and tell nobody anything here: a look at what
+# runs a hundred times a second, and at the loop fifty times, in every process; a heap given back to
+# the system with nearly every array that is freed. And a heap for every thread keeps more memory.
+_CALM = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": 2**24,
+    "distributed.nanny.pre-spawn-environ.MALLOC_ARENA_MAX": 1,
+}
+
 _ended: WeakKeyDictionary = WeakKeyDictionary()  # what ends the guard of a cluster
 
 
@@ -47,18 +58,19 @@ def cores() -> int:
 def started(workers: int | None = None) -> Iterator["LocalCluster"]:
     """So many workers of this machine, or one a core, while the block runs."""
     workers = workers or cores()
-    distributed = needed("a cluster of this machine")
-    cluster = distributed.LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        processes=True,
-        host="127.0.0.1",
-        dashboard_address="127.0.0.1:0",  # with None it serves at 8787, or warns
-        scheduler_kwargs={"dashboard": False},
-        memory_limit=0,
-        silence_logs=logging.CRITICAL,
-        env={"NPROC": str(max(1, cores() // workers))},
-    )
+    needed("a cluster of this machine")
+    with _calm():
+        cluster = _kind()(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",  # with None it serves at 8787, or warns
+            scheduler_kwargs={"dashboard": False},
+            memory_limit=0,
+            silence_logs=logging.CRITICAL,
+            env={"NPROC": str(max(1, cores() // workers))},
+        )
     ended = _ended[cluster] = threading.Event()
     guard = threading.Thread(target=_guard, args=(cluster, ended), daemon=True)
     with cluster:
@@ -68,6 +80,27 @@ def started(workers: int | None = None) -> Iterator["LocalCluster"]:
         finally:
             ended.set()
             guard.join()
+
+
+@functools.cache
+def _kind() -> "type[LocalCluster]":
+    """dask's cluster, but for one thing: that a worker is gone of which it had not heard, dead as
+    soon as it began, is no error to be raised as it closes (distributed 2026.8.0)."""
+    from distributed import LocalCluster
+
+    class Workers(LocalCluster):
+        def _update_worker_status(self, op: str, msg: Any) -> None:
+            if op != "remove" or msg in self.scheduler_info["workers"]:
+                super()._update_worker_status(op, msg)
+
+    return Workers
+
+
+def _calm() -> Any:
+    """dask's settings for what is begun in the block, which keeps them."""
+    from dask import config
+
+    return config.set(_CALM)
 
 
 def _guard(cluster: Any, ended: threading.Event) -> None:
@@ -86,7 +119,8 @@ def _guard(cluster: Any, ended: threading.Event) -> None:
             return
         wanted = cluster.worker_spec[name]
         address, options = cluster.scheduler.address, {**wanted["options"], "name": name}
-        cluster.workers[name] = wanted["cls"](address, **options)
+        with _calm():
+            cluster.workers[name] = wanted["cls"](address, **options)
         await cluster.workers[name]
 
     since: dict[Any, float] = {}
@@ -121,15 +155,16 @@ def kill(cluster: "LocalCluster") -> None:
     pids = [nanny.pid for nanny in nannies]
     for nanny in nannies:
         nanny.status = Status.closing_gracefully  # it does not replace its worker
+    # Else Python would tell of semaphores that the queues to the workers leave behind. Before those
+    # are gone: once they are, dask's own thread is at the same, and might not come to its end.
+    from multiprocessing import util
+
+    util._run_finalizers(0)  # type: ignore[attr-defined]
     for pid in pids:
         _end(pid)
     deadline = time.monotonic() + _PATIENCE
     while time.monotonic() < deadline and any(nanny.is_alive() for nanny in nannies):
         time.sleep(0.01)
-    # Else Python would tell of semaphores that the queues to the workers leave behind.
-    from multiprocessing import util
-
-    util._run_finalizers(0)  # type: ignore[attr-defined]
 
 
 @contextmanager

@@ -60,9 +60,10 @@ class _Memory:
         self._size = 0
 
     def tidy(self) -> None:
-        """Forget compiled programs if there is reason to."""
+        """Give back what is free, and forget compiled programs if there is reason to."""
         if "jax" not in sys.modules:
             return
+        _trim()
         if self._programs is None:
             from jax import monitoring
 

@@ -26,11 +26,11 @@ import jax
 import numpy as np
 from jax.experimental.multihost_utils import process_allgather
 
+from jaxmotion._caller import Caller
 from jaxmotion._cluster.connections import connected
 from jaxmotion._cluster.tasks import Lost, stream
-from jaxmotion._compilation_cache import folder_of_programs, share_programs
 from jaxmotion._stored import StoredClips
-from jaxmotion._width import kept_wide, wide
+from jaxmotion._width import wide
 from jaxmotion.cleaning.pairs import Pool, devices, pooled
 from jaxmotion.cleaning.search import Found, Query, nothing, search
 from jaxmotion.cleaning.words import points, texture
@@ -66,18 +66,17 @@ class Work:
         self.query, self.clips = query, clips
         self.parts = _parts(lengths, first=0 if query.own else 1)
         self._sizes = [int(lengths[slice(*part)].sum()) for part in self.parts]
-        self._wide, self._release = wide(), metadata.version("jax")
-        self._programs = folder_of_programs()
+        self._caller = Caller.here()
         self._pool: tuple[int, Pool] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         return vars(self) | {"_pool": None}
 
     def __call__(self, tile: Tile, bound: np.ndarray, told: Told = lambda done: None) -> Found:
-        if (here := metadata.version("jax")) != self._release:
-            raise ValueError(f"the worker has jax {here}, its client {self._release}")
-        share_programs(self._programs)
-        with kept_wide(self._wide):
+        if misfit := self._caller.misfit():
+            raise ValueError(misfit)
+        self._caller.share()
+        with self._caller.types():
             mesh = devices()
             if self._pool is None or self._pool[0] != tile.part:
                 self._pool = None

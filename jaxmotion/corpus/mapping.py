@@ -11,17 +11,15 @@ import warnings
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
-from importlib import metadata
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+from jaxmotion._caller import Caller
 from jaxmotion._checks import static
 from jaxmotion._cluster.connections import connected
 from jaxmotion._cluster.tasks import Lost, stream
-from jaxmotion._compilation_cache import folder_of_programs, share_programs
 from jaxmotion._plain import in_words, printable
-from jaxmotion._width import kept_wide, wide
 from jaxmotion.corpus import places
 from jaxmotion.io import MotionFileError, load, save
 from jaxmotion.io.atomic import remove_abandoned, replacing
@@ -138,7 +136,7 @@ def map(
 def _on_cluster(
     client: "Client | str", work: "_Work", jobs: list[_File], note: Callable[[Mapped], None]
 ) -> None:
-    there = _There(work, wide(), folder_of_programs(), os.getcwd())
+    there = _There(work, Caller.here(), os.getcwd())
     with ExitStack() as stack:
         stack.callback(_remove_temporary, jobs)
         connection = stack.enter_context(connected(client))
@@ -194,22 +192,19 @@ class _There:
     """The same on a worker: with the caller's types, and replacing what a lost worker left."""
 
     work: _Work
-    x64: bool
-    cache: str | None
+    caller: Caller
     folder: str
-    release: str = metadata.version("jax")
 
     def prepare(self) -> None:
         """Import JAX, and share the folder of compiled programs."""
-        share_programs(self.cache)
+        self.caller.share()
 
     def __call__(self, job: _File) -> Mapped:
-        if (here := metadata.version("jax")) != self.release:
-            wanted = f"the worker has jax {here}, its client {self.release}"
-            return Mapped(*job, "failed", wanted)
+        if misfit := self.caller.misfit():
+            return Mapped(*job, "failed", misfit)
         self.prepare()
         seen = _File(*(places.within(self.folder, name) for name in job))
-        with kept_wide(self.x64), replacing():
+        with self.caller.types(), replacing():
             status = self.work(seen)
         return status._replace(source=job.source, target=job.target)
 

@@ -383,6 +383,20 @@ def test_a_client_that_is_killed_is_resumed(many, programs, tmp_path, number):
     assert tree(out) == want
 
 
+def test_a_worker_that_was_never_there_may_be_gone():
+    """As where one dies as it begins: dask tells of its end only."""
+    from distributed.scheduler import WorkerStatusPlugin
+
+    from jaxmotion._cluster.connections import started
+
+    with started(1) as workers:
+        found = workers.scheduler.plugins.values()
+        [plugin] = [plugin for plugin in found if isinstance(plugin, WorkerStatusPlugin)]
+        workers.loop.add_callback(plugin.remove_worker, workers.scheduler, "tcp://127.0.0.1:9")
+        time.sleep(0.5)
+    assert workers.status.name == "closed"
+
+
 def test_leaving_ends_the_workers(monkeypatch, tmp_path):
     from jaxmotion._cluster import connections
 
