@@ -15,7 +15,14 @@ import jaxmotion
 project = "jaxmotion"
 version = release = jaxmotion.__version__
 copyright = "the jaxmotion authors, Apache-2.0"
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.viewcode", "myst_parser", "rooms", "links"]
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.viewcode",
+    "myst_parser",
+    "commands",
+    "rooms",
+    "links",
+]
 exclude_patterns = ["_ext"]
 
 nitpicky = True  # a name in a docstring that does not exist is a warning

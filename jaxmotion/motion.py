@@ -191,6 +191,11 @@ class Motion(Portable):
         return 1.0 / self.frame_time
 
     @property
+    def duration(self) -> Array:
+        """Seconds the clip lasts, num_frames · frame_time: every frame is there for one."""
+        return self.num_frames * self.frame_time
+
+    @property
     def times(self) -> Float[Array, "*batch time"]:
         """Time of each frame in seconds, starting at 0."""
         frames = jnp.arange(self.num_frames, dtype=self.rotations.dtype)

@@ -242,8 +242,12 @@ def test_functions_that_pages_name_are_there():
 
 @pytest.fixture(scope="module")
 def rooms():
-    """The site's extension, where its generator is installed."""
-    spec = importlib.util.spec_from_file_location("rooms", DOCS / "_ext" / "rooms.py")
+    return extension("rooms")
+
+
+def extension(name):
+    """One of the site's, where its generator is installed."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / "_ext" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
@@ -286,13 +290,20 @@ of *three*.
     assert [line.strip() for line in table if "- " in line] == ["* - a", "- b", "* - 1", "- ``2``"]
 
 
+def test_the_page_of_commands_has_every_option():
+    """The help of each, with all of its options."""
+    commands = extension("commands")
+    with click.Context(app, info_name="jaxmotion") as above:
+        for name in app.list_commands(above):
+            text = commands.said(above, name)
+            assert text.startswith(f"Usage: jaxmotion {name} ")
+            for option in app.get_command(above, name).params:
+                if isinstance(option, click.Option) and not option.hidden:
+                    assert option.opts[-1] in text
+
+
 def test_broken_links_are_found(tmp_path):
-    spec = importlib.util.spec_from_file_location("links", DOCS / "_ext" / "links.py")
-    links = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(links)
-    except ModuleNotFoundError as error:
-        pytest.skip(f"no {error.name}: pip install '.[docs]'")
+    links = extension("links")
     (tmp_path / "b.html").write_text("<h1 id='here'>b</h1><a href='a.html'>a</a>")
     (tmp_path / "a.html").write_text(
         "<a href='b.html#here'>1</a><a href='b.html#there'>2</a><a href='c.html'>3</a>"

@@ -40,6 +40,7 @@ def test_views(motion):
     np.testing.assert_array_equal(motion.root_positions, motion.translations[:, 0])
     np.testing.assert_allclose(motion.fps, 25)
     np.testing.assert_allclose(motion.times, 0.04 * np.arange(10))
+    np.testing.assert_allclose(motion.duration, 0.4)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ gone when the process is that started them, however it went.
 
 import functools
 import logging
+import multiprocessing
 import os
 import signal
 import threading
@@ -28,6 +29,11 @@ _PATIENCE = 5.0  # seconds that killed workers may take to be gone
 _GLANCE = 1.0  # seconds between looks at whether all workers of this machine are there
 _RESTART = 5.0  # seconds that dask may take to begin with a new worker,
 _START = 30.0  # and that this may take to be there
+
+_UNGUARDED = (
+    "jaxmotion: a worker imports the script that started it, which would start workers again: put "
+    "what runs at its top below \"if __name__ == '__main__':\""
+)
 
 # Of dask's settings, those that cost a core's time and tell nobody anything here: a look at what
 # runs a hundred times a second, and at the loop fifty times, in every process; a heap given back to
@@ -56,10 +62,16 @@ def cores() -> int:
 
 @contextmanager
 def started(workers: int | None = None) -> Iterator["LocalCluster"]:
-    """So many workers of this machine, or one a core, while the block runs."""
+    """So many workers of this machine, or one a core, while the block runs.
+
+    **Raises:** ``ConnectionError`` where they do not start.
+    """
     workers = workers or cores()
     needed("a cluster of this machine")
-    with _calm():
+    if getattr(multiprocessing.current_process(), "_inheriting", False):
+        # A worker that imports the script which starts workers, and would start its own.
+        raise SystemExit(_UNGUARDED)
+    with _calm(), _begun_or_said():
         cluster = _kind()(
             n_workers=workers,
             threads_per_worker=1,
@@ -101,6 +113,16 @@ def _calm() -> Any:
     from dask import config
 
     return config.set(_CALM)
+
+
+@contextmanager
+def _begun_or_said() -> Iterator[None]:
+    """What dask says where a process of its does not start, in a sentence."""
+    try:
+        yield
+    except (RuntimeError, OSError) as error:
+        text = " ".join(str(error).split())
+        raise ConnectionError(f"the workers of this machine did not start: {text}") from None
 
 
 def _guard(cluster: Any, ended: threading.Event) -> None:

@@ -25,7 +25,7 @@ def local_client(workers: int | None = None) -> Iterator["Client"]:
     **Arguments:** ``workers``: how many, by default one a core.
     **Returns:** a context whose value is a ``dask.distributed.Client``; workers end with it.
     **Raises:** ``ImportError`` without the extra ``jaxmotion[distributed]``; ``ValueError`` for
-    fewer than one worker.
+    fewer than one worker; ``ConnectionError`` where workers do not start.
 
     **Example:**
 

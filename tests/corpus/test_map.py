@@ -1,6 +1,8 @@
 """One function over many files: in this process, on workers that die, to and from URLs."""
 
 import os
+import subprocess
+import sys
 import time
 from functools import partial
 from pathlib import Path
@@ -404,6 +406,17 @@ def test_wrong_numbers_of_workers():
         words = r"workers is .*; expected a number from 1"
         with pytest.raises(ValueError, match=words), jm.corpus.local_client(wrong):
             pass
+
+
+def test_a_script_without_a_guard_is_told(tmp_path):
+    """Its workers import it, and would start workers."""
+    script = tmp_path / "script.py"
+    script.write_text("import jaxmotion as jm\nwith jm.corpus.local_client(1):\n    print('in')\n")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 1
+    assert done.stdout == ""
+    assert "put what runs at its top below \"if __name__ == '__main__':\"" in done.stderr
+    assert "ConnectionError: the workers of this machine did not start" in done.stderr
 
 
 def test_messages():
