@@ -18,7 +18,7 @@ import numpy as np
 
 import jaxmotion as jm
 from jaxmotion._stored import StoredClips
-from jaxmotion.cleaning import nearest_words, parts
+from jaxmotion.cleaning import nearest_words, parts, search
 from tests.cleaning.clips import pacing
 
 FIELDS = ("starts", "clip", "frame", "distance", "warp")
@@ -98,6 +98,7 @@ def _main(role, *rest):
     client = None
     if role == "devices":
         jax.config.update("jax_num_cpu_devices", 2)
+        search._WORDS = 8  # of each: both have words
     else:
         number, of, port = map(int, rest[:3])
         jax.distributed.initialize(f"127.0.0.1:{port}", of, number)

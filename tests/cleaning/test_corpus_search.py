@@ -7,10 +7,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
 import jaxmotion as jm
+from jaxmotion._caller import Caller
 from jaxmotion.cleaning import digression_map, nearest_words, parts, search
 from tests.cleaning.clips import pacing
 
@@ -255,6 +257,15 @@ def test_a_killed_client_is_begun_anew(client, corpus, wanted, monkeypatch, tmp_
     now = {path.name: path.stat().st_mtime_ns for path in keep.glob("*.jmfound")}
     assert len(now) == 9
     assert kept.items() <= now.items()
+
+
+def test_a_worker_of_another_release_is_refused(corpus, monkeypatch):
+    """Last digits are of JAX's release."""
+    there = Caller.here()._replace(release="0.0")
+    monkeypatch.setattr(parts.Caller, "here", lambda: there)
+    words = f"the worker has jax {jax.__version__}, its client 0.0"
+    with pytest.raises(ValueError, match=words):
+        nearest_words(query(), corpus, **SIZES)
 
 
 def test_two_devices_and_two_processes(wanted):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
+from jaxmotion._caller import Caller
 from jaxmotion._cluster import connections, tasks, worker
 from jaxmotion._cluster.tasks import Lost, stream
 from jaxmotion.corpus import Mapped, mapping, places
@@ -369,6 +370,15 @@ def test_urls_on_a_cluster(bucket):
         done = jm.corpus.map(works.first_frames, "memory://bucket/takes", out, client=client)
     assert [d.status for d in done] == 2 * ["written"]
     assert len(bucket.find("/bucket/out")) == 2
+
+
+def test_a_worker_of_another_release_is_refused(takes, tmp_path, client, monkeypatch):
+    there = Caller.here()._replace(release="0.0")
+    monkeypatch.setattr(mapping.Caller, "here", lambda: there)
+    done = jm.corpus.map(works.first_frames, takes, tmp_path / "out", client=client)
+    assert {d.status for d in done} == {"failed"}
+    assert all(d.message.endswith("its client 0.0") for d in done)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_package_that_lacks_is_named(takes, tmp_path, monkeypatch):
