@@ -91,13 +91,14 @@ def aligned(numbers: Sequence[dict]) -> list[str]:
     return ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in cells]
 
 
-def surroundings() -> dict:
-    """Versions, the machine and how busy it is, as ``benchmarks/record.py`` tells them."""
-    spec = importlib.util.spec_from_file_location("record", HERE.parent / "record.py")
-    assert spec and spec.loader
-    record = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(record)
-    return record.surroundings()
+def beside(name: str):
+    """The module of another script of ``benchmarks/``."""
+    spec = importlib.util.spec_from_file_location(name, HERE.parent / f"{name}.py")
+    if spec is None or spec.loader is None:
+        raise ImportError(name)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def main(make: Callable[[int], list[dict]], draw: Callable | None = None, doc: str = "") -> None:
@@ -113,7 +114,7 @@ def main(make: Callable[[int], list[dict]], draw: Callable | None = None, doc: s
             parser.error("this item has no picture")
         draw(given.seed).savefig(given.picture)
         return
-    around, begun = surroundings(), time.perf_counter()
+    around, begun = beside("record").surroundings(), time.perf_counter()
     items = make(given.seed)
     if given.json:
         now = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
