@@ -68,7 +68,7 @@ def of_clip(name: str, seed: int) -> dict:
 
     away, right = (quaternion.multiply(turn, q) for q in (noisy, truth))
     return {
-        "capture": name.partition("/")[2].partition(".")[0],
+        "capture": remade.short(name),
         "frame": at,
         "noisy, °": worst(noisy, truth),
         "rotation vectors, °": worst(smooth(noisy, "rotvec"), truth),

@@ -47,6 +47,11 @@ def capture(name: str, fps: float | None = None) -> jm.Motion:
     return jm.resample(motion, fps=fps)
 
 
+def short(name: str) -> str:
+    """What a capture is called in a table."""
+    return Path(name).stem.removesuffix("_001").replace("_normal", "")
+
+
 def told(
     paper: str,
     item: str,
