@@ -30,6 +30,7 @@ NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 COLOURS = 255  # of a file, one byte a pixel: curves and text need no more
 DOUBLE = (
     "response",
+    "orders",
     "style_phase",
     "sudden_moves",
 )  # drawn in float64; noise drawn in float32 is another
@@ -131,6 +132,12 @@ def cutoffs():
     return figure
 
 
+def orders():
+    """A walk on a curve whose base alone is turned: the pyramid, and ones of Euler angles."""
+    walk = jm.samples.load("walk", num_frames=129, turning=0.6).motion
+    return jm.viz.plot_invariance(walk, 5, orders=("XYZ", "ZXY", "YXZ", "YZX"))
+
+
 def digression():
     """A walk with errors, and what was found in it."""
     _, _, found = cleaned()
@@ -217,7 +224,7 @@ def notebook(name):
 PICTURES = {
     draw.__name__: draw
     for draw in (
-        *(strip, layers, tuning, response, cutoffs, digression, knee),
+        *(strip, layers, tuning, response, cutoffs, orders, digression, knee),
         *(style_phase, sudden_moves, player),
     )
 }

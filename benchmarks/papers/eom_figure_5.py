@@ -3,15 +3,15 @@
     python benchmarks/papers/eom_figure_5.py [--seed 0] [--json FILE] [--picture FILE]
 
 The paper puts noise on the position and the rotations of every pose and finds the LGS nearer to the
-truth than low-pass filters of several cut-offs, frame by frame. Here the first 240 frames of five
-real captures at 24 fps, as the paper's, get white noise: every joint is turned by a rotation vector
+truth than low-pass filters of several cut-offs, frame by frame. Here 240 frames of five real
+captures at 24 fps, as the paper's, get white noise: every joint is turned by a rotation vector
 of 0.02 or 0.06 rad an axis, every joint that is translated is shifted by a tenth of that share of
 the height. An error is the mean distance of all joints from where the clean clip has them, in per
 mille of the height.
 
 Low-pass filters are Butterworth filters of order 2 over quaternions of aligned signs and positions:
 one pass, which lags, and both ways, which does not. Cut-offs are 2 to 10 Hz, and for "best" the one
-of 40 that is nearest to the truth, which is then known; so is the best λσ of the LGS, one for all
+of 30 that is nearest to the truth, which is then known; so is the best λσ of the LGS, one for all
 joints. ``denoise`` is told nothing.
 
 Verdicts, fixed beforehand. Of the LGS: "reproduced" if the best λσ is more than 2 % nearer to the
@@ -32,17 +32,20 @@ PAPER = "Eom et al. 2019"
 FPS, FRAMES = 24.0, 240
 NOISES = (0.02, 0.06)  # radians an axis; a tenth of it in heights
 CUTOFFS = (2.0, 4.0, 6.0, 8.0, 10.0)  # Hz
-SEARCH = np.geomspace(0.3, 11.5, 40)  # Hz
+SEARCH = np.geomspace(0.3, 11.5, 30)  # Hz
+ENDS = 24  # frames
 NEARER = 0.98
-CLIPS = (
-    "bandai/kick_normal_001.bvh",
-    "bandai/dance-short_normal_001.bvh",
-    "cmu/01_01.amc",
-    "cmu/02_05.amc",
-    "cmu/02_07.amc",
-)
-SHOWN = CLIPS[1]
+# Captures and their first frames; the dancer stands for some seconds.
+CLIPS = {
+    "bandai/kick_normal_001.bvh": 0,
+    "bandai/dance-short_normal_001.bvh": 480,
+    "cmu/01_01.amc": 0,
+    "cmu/02_05.amc": 0,
+    "cmu/02_07.amc": 0,
+}
+SHOWN = "bandai/dance-short_normal_001.bvh"
 BEST_FILTER, BEST_LGS, LEARNED = "both ways, best", "LGS, best λσ", "jm.denoise, told nothing"
+AWAY = f"{NOISES[1]} rad, a second from the ends: error, ‰"
 LAB = remade.beside("denoising")  # noise, and the filter both ways
 
 
@@ -50,16 +53,16 @@ def make(seed: int) -> list[dict]:
     """The errors of every method, means over clips."""
     found = {(c, n): errors(c, n, seed) for c in CLIPS for n in NOISES}
     rows = []
-    for method in found[CLIPS[0], NOISES[0]]:
+    for method in found[SHOWN, NOISES[0]]:
         row = {"method": method}
         for noise in NOISES:
             each = [found[clip, noise][method] for clip in CLIPS]
             row[f"{noise} rad: error, ‰"] = float(np.mean([e.mean() for e in each]))
-        for noise in NOISES:
-            pairs = [(found[c, noise][BEST_LGS], found[c, noise][method]) for c in CLIPS]
-            nearer = float(np.mean([np.mean(lgs < other) for lgs, other in pairs]))
-            told = None if method == BEST_LGS else f"{nearer:.0%}"
-            row[f"{noise} rad: LGS nearer"] = told
+        inner = [found[clip, NOISES[1]][method][ENDS:-ENDS] for clip in CLIPS]
+        row[AWAY] = float(np.mean([e.mean() for e in inner]))
+        pairs = [(found[c, NOISES[1]][BEST_LGS], found[c, NOISES[1]][method]) for c in CLIPS]
+        nearer = float(np.mean([np.mean(lgs < other) for lgs, other in pairs]))
+        row["frames in which the LGS is nearer"] = None if method == BEST_LGS else f"{nearer:.0%}"
         rows.append(row)
     return [of_lgs(rows), of_denoise(rows)]
 
@@ -67,19 +70,21 @@ def make(seed: int) -> list[dict]:
 def of_lgs(rows: list[dict]) -> dict:
     """The claim as it is."""
     ratios = [ratio(rows, BEST_LGS, BEST_FILTER, noise) for noise in NOISES]
-    one_way = [row for row in rows if row["method"].startswith("one pass")]
-    worst = [min(r[f"{n} rad: error, ‰"] for r in one_way) for n in NOISES]
-    of_one = [error(rows, BEST_LGS, n) / w for n, w in zip(NOISES, worst, strict=True)]
+    both = {row["method"]: row[AWAY] for row in rows}
+    inner = both[BEST_LGS] / both[BEST_FILTER]
+    first = [row["method"] for row in rows if row["method"].startswith("one pass")]
+    lag = [error(rows, BEST_LGS, n) / min(error(rows, m, n) for m in first) for n in NOISES]
     return remade.told(
         PAPER,
         "Figure 5",
         "The LGS is nearer to the truth than low-pass filters, whatever their cut-off.",
-        f"It has {of_one[0]:.2f} and {of_one[1]:.2f} of the error of one-pass filters at the best "
-        f"of five cut-offs, and {ratios[0]:.3f} and {ratios[1]:.3f} of that of a filter both ways "
-        "at its best: against a matched filter without lag it wins nothing to speak of.",
+        f"It has {lag[0]:.2f} and {lag[1]:.2f} of the error of one-pass filters at the best of five "
+        f"cut-offs, and {ratios[0]:.2f} and {ratios[1]:.2f} of that of a filter both ways at its "
+        f"best cut-off, a second away from the ends {inner:.3f}: only at the ends does it win "
+        "against a matched filter without lag.",
         "reproduced" if max(ratios) < NEARER else "refuted",
         rows,
-        "the first 10 s, at 24 fps, of a kick, a dance, and CMU 01_01, 02_05 and 02_07",
+        "10 s at 24 fps of a kick, of a dance, and of CMU 01_01, 02_05 and 02_07",
     )
 
 
@@ -89,7 +94,7 @@ def of_denoise(rows: list[dict]) -> dict:
     return remade.told(
         PAPER,
         "Figure 5, λ and σ learned",
-        "The same.",
+        "The LGS is nearer to the truth than low-pass filters, whatever their cut-off.",
         f"jm.denoise has {ratios[0]:.2f} and {ratios[1]:.2f} of the error of the filter both ways "
         "whose cut-off the truth chose.",
         "better" if max(ratios) < 1 else "refuted",
@@ -107,7 +112,7 @@ def ratio(rows: list[dict], method: str, other: str, noise: float) -> float:
 
 
 def clean(name: str) -> jm.Motion:
-    return remade.capture(name, FPS)[:FRAMES]
+    return remade.capture(name, FPS)[CLIPS[name] : CLIPS[name] + FRAMES]
 
 
 def noisy_of(truth: jm.Motion, noise: float, seed: int) -> jm.Motion:
@@ -125,16 +130,11 @@ def errors(name: str, noise: float, seed: int) -> dict[str, np.ndarray]:
     def off(motion) -> np.ndarray:
         return 1000 / height * np.linalg.norm(positions(motion) - where, axis=-1).mean(axis=-1)
 
-    @jax.jit
-    def smooth(product):
-        found = jm.smoothing.smooth_motion(noisy, product, 1.0)
-        return found.translations, found.rotations
-
     def best(errors):
         return min(errors, key=np.mean)
 
     def lgs(product):
-        return off(noisy.with_transforms(*smooth(product)))
+        return off(noisy.with_transforms(*smooth(noisy, product)))
 
     products = 1 / (2 * np.sin(np.pi * SEARCH / FPS) ** 2)
     result = {"noisy": off(noisy)}
@@ -145,6 +145,12 @@ def errors(name: str, noise: float, seed: int) -> dict[str, np.ndarray]:
     result[BEST_LGS] = best(lgs(product) for product in products)
     result[LEARNED] = off(jm.denoise(noisy))
     return result
+
+
+@jax.jit
+def smooth(motion: jm.Motion, product: float):
+    found = jm.smoothing.smooth_motion(motion, product, 1.0)
+    return found.translations, found.rotations
 
 
 def positions(motion: jm.Motion) -> np.ndarray:

@@ -13,8 +13,8 @@ A path is where the hips end, seen from where they begin, on the ground; a postu
 rotation of every joint but root and hips over a clip, and two of them differ by the mean angle over
 joints.
 
-Verdict, fixed beforehand (of turns, by their heading, until the walks called left and right
-turned out to face ahead): "reproduced" if in all eight blends the path added to that of the manner is that
+Verdict, fixed beforehand (of turns, by their heading, until the walks called left and right turned
+out to face ahead): "reproduced" if in all eight blends the path added to that of the manner is that
 of the plain ones, side walk less straight, to a tenth of its length, and in seven of eight the
 posture of the blend is nearer to that of the captured side walk in that manner than the plain side
 walk's is; "refuted" if not. Nothing is drawn at random.

@@ -81,11 +81,10 @@ def plain(value):
 
 
 def shown(value) -> str:
-    """A cell: numbers by three digits; nothing for None."""
+    """A cell: numbers by three digits or to the whole; nothing for None."""
     if isinstance(value, float | np.floating | jax.Array):
         value = float(value)
-        whole = 100 <= abs(value) < 1e6
-        return f"{value:.0f}" if whole else f"{value:.3g}"
+        return f"{value:,.0f}".replace(",", " ") if abs(value) >= 100 else f"{value:.3g}"
     return "" if value is None else str(value)
 
 
