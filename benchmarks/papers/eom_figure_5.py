@@ -78,9 +78,9 @@ def of_lgs(rows: list[dict]) -> dict:
         PAPER,
         "Figure 5",
         "The LGS is nearer to the truth than low-pass filters, whatever their cut-off.",
-        f"It has {lag[0]:.2f} and {lag[1]:.2f} of the error of one-pass filters at the best of five "
-        f"cut-offs, and {ratios[0]:.2f} and {ratios[1]:.2f} of that of a filter both ways at its "
-        f"best cut-off, a second away from the ends {inner:.3f}: only at the ends does it win "
+        f"It has {lag[0]:.2f} and {lag[1]:.2f} of the error of one-pass filters at the best of "
+        f"five cut-offs, and {ratios[0]:.2f} and {ratios[1]:.2f} of that of a filter both ways at "
+        f"its best, a second away from the ends {inner:.3f}: only at the ends does it win "
         "against a matched filter without lag.",
         "reproduced" if max(ratios) < NEARER else "refuted",
         rows,

@@ -8,7 +8,8 @@ angles does not; which order of angles it took is not said. Here four real captu
 five levels. An error is the largest angle (Eq. 22) over frames and the nine steps, radians; for
 the library's pyramid that of all joints, and the largest distance of joints, in heights. Euler
 angles are the unwrapped intrinsic ones of the hips, in all six orders, in a pyramid of the same
-filters on three numbers.
+filters on three numbers; of the angles of the turned base, those nearest to the ones of the turn
+before, so that none is lost to a choice of branch.
 
 Verdicts, fixed beforehand. Of the pyramid: "reproduced" if no error exceeds 1e-12, "refuted" if
 one does. Of Euler angles: "reproduced" if every order fails in every capture by more than 0.1 rad,
@@ -133,15 +134,26 @@ def of_euler(clip: jm.Motion, hips: int, order: str) -> float:
     pyramid = jm.multiresolution.build_pyramid(
         jm.Motion.from_root(point, angles, still, clip.frame_time), LEVELS
     )
-    errors = []
+    base = quaternion.from_euler(pyramid.base.translations[:, 0], order)
+    found, errors = np.asarray(pyramid.base.translations[:, 0]), []
     for step in STEPS:
         turn = turn_by(step)
-        base = quaternion.from_euler(pyramid.base.translations[:, 0], order)
-        angles = quaternion.to_euler(quaternion.multiply(turn, base), order, unwrap=True)
-        whole = replace(pyramid, base=pyramid.base.with_transforms(angles[:, None])).reconstruct()
+        found = nearest(quaternion.multiply(turn, base), order, found)
+        coarse = pyramid.base.with_transforms(jnp.asarray(found)[:, None])
+        whole = replace(pyramid, base=coarse).reconstruct()
         got = quaternion.from_euler(whole.translations[:, 0], order)
         errors.append(float(quaternion.distance(got, quaternion.multiply(turn, root)).max()))
     return max(errors)
+
+
+def nearest(q, order: str, before: np.ndarray) -> np.ndarray:
+    """Of all Euler angles of the rotations those nearest to the ones before."""
+    angles = np.asarray(quaternion.to_euler(q, order))
+    other = np.array([1.0, -1.0, 1.0]) * angles + np.pi
+    both = np.stack([angles, other])
+    both += 2 * np.pi * np.round((before - both) / (2 * np.pi))
+    chosen = np.argmin(np.linalg.norm(both - before, axis=-1), axis=0)
+    return both[chosen, np.arange(len(before))]
 
 
 def draw(seed: int):
