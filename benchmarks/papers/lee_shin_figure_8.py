@@ -54,9 +54,10 @@ def make(seed: int) -> list[dict]:
         "A limp with what a turn has beyond a walk is a limping turn.",
         f"Walking aside instead of turning: {sum(styled)} of {len(rows)} blends have a posture "
         "nearer to the captured side walk in that manner than the plain one has, "
-        f"{apart:.1f}° against {plain:.1f}° in the mean. Of the paths added {sum(kept)} are right to "
-        f"a tenth; they have {min(lengths):.2f} to {max(lengths):.2f} of the length and are turned "
-        f"by up to {max(turned):.0f}°, for they are added in the hips' own axes, which swing.",
+        f"{apart:.1f}° against {plain:.1f}° in the mean. Of the paths added {sum(kept)} are "
+        f"right to a tenth; they have {min(lengths):.2f} to {max(lengths):.2f} of the length and "
+        f"are turned by up to {max(turned):.0f}°, for they are added in the hips' own axes, which "
+        "swing.",
         "reproduced" if good else "refuted",
         rows,
         "walks of bandai, straight, left and right, plain and in four manners, the straight ones "
