@@ -106,7 +106,7 @@ def test_a_page_is_filled(run):
 
 
 def test_numbers_are_shown_alike(run, remade):
-    for value in (0.0123456, 99.94, 77839.9, 12, "x", None, 1.2e-15):
+    for value in (0.0123456, 99.94, 999.6, 77839.9, 12, "x", None, 1.2e-15):
         assert run.shown(value) == remade.shown(value)
 
 
