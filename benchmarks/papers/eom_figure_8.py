@@ -37,7 +37,7 @@ METHODS = {
     "LGS, nearest": {"signs": "nearest"},
     "LGS, least energy": {"signs": "min_energy"},
 }
-SHOWN = CLIPS[0]
+SHOWN = CLIPS[-1]
 
 
 def make(seed: int) -> list[dict]:
@@ -134,7 +134,7 @@ def turns(hips: jm.Motion, angle: np.ndarray, gap: int) -> dict | None:
 
 
 def draw(seed: int):
-    """The kick, at the gap that is judged."""
+    """A dance, at the gap that is judged."""
     hips, angle = spin(SHOWN)
     at = np.array([np.argmax(angle >= key) for key in np.cumsum([0, 60, 60, JUDGED, 60, 60])])
     poses = hips.with_transforms(hips.translations[at], hips.rotations[at])

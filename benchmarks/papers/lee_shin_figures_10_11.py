@@ -37,7 +37,7 @@ CLIPS = {
     "cmu/01_01.amc": 1200,
     "cmu/02_01.amc": 100,
 }
-SHOWN = "bandai/kick_normal_001.bvh"
+SHOWN = "cmu/01_01.amc"
 
 
 def make(seed: int) -> list[dict]:
@@ -157,7 +157,7 @@ def nearest(q, order: str, before: np.ndarray) -> np.ndarray:
 
 
 def draw(seed: int):
-    """The kick."""
+    """CMU 01_01."""
     return jm.viz.plot_invariance(clip_of(SHOWN), LEVELS, orders=("XYZ", "ZXY", "YXZ", "YZX"))
 
 
