@@ -141,7 +141,7 @@ def of_solves(rows: list[dict]) -> dict:
         PAPER,
         "Table 1, smoother",
         "Solving all frames at once takes 0.001 s to 77840 s, so that long clips need windows.",
-        f"A whole clip takes {1e3 * min(r['Eq. 11, ms'] / 1e3 for r in rows):.2g} to "
+        f"A whole clip takes {min(r['Eq. 11, ms'] for r in rows):.2g} to "
         f"{max(r['Eq. 11, ms'] for r in rows):.2g} ms: of the {len(counted)} rows above {BUSY} s, "
         f"{enough} are at least {AT_LEAST:.0f} times as fast as printed whole"
         + (f" (but {short})" if short else "")
@@ -160,10 +160,10 @@ def of_layers(rows: list[dict]) -> dict:
         PAPER,
         "Table 1, layers",
         "Layers of whole clips are out of reach but for windows.",
-        f"With the search of the base they take at most "
-        f"{max(r['decompose, ms'] + r['synthesize, ms'] for r in rows):.2g} ms, "
-        f"{min(counted):.2g} times as fast as printed in windows at least, and "
-        f"{min(whole):.2g} times as fast as whole.",
+        f"With the search of the base they take "
+        f"{max(r['decompose, ms'] + r['synthesize, ms'] for r in rows):.0f} ms at most, and at "
+        f"least {min(counted):.0f} times as fast as printed in windows, {min(whole):.0f} times as "
+        "whole, in rows above 0.01 s.",
         "better" if min(counted) > 1 and min(whole) > 1 else "refuted",
         rows,
         "the same",
