@@ -7,7 +7,8 @@ The paper puts what a turning walk has beyond a straight one onto a limping walk
 walk on a curve. In the place of the turn they have walks to the side, facing ahead, left and right,
 in that of the limp straight walks in four manners that are unlike the plain one, and, what the
 paper had not, side walks in those manners, which judge the outcome. The straight ones get the
-timing of the plain side walk (``timing.align``), 135 frames, six levels.
+timing of the plain side walk (``timing.align``), 135 frames; all begin in one place, for what one
+has beyond another is a difference of places too. Six levels.
 
 A path is where the hips end, seen from where they begin, on the ground; a posture is the mean
 rotation of every joint but root and hips over a clip, and two of them differ by the mean angle over
@@ -57,7 +58,7 @@ def make(seed: int) -> list[dict]:
         f"{apart:.1f}° against {plain:.1f}° in the mean. Of the paths added {sum(kept)} are "
         f"right to a tenth; they have {min(lengths):.2f} to {max(lengths):.2f} of the length and "
         f"are turned by up to {max(turned):.0f}°, for they are added in the hips' own axes, which "
-        "swing.",
+        "swing and lean.",
         "reproduced" if good else "refuted",
         rows,
         "walks of bandai, straight, left and right, plain and in four manners, the straight ones "
@@ -71,7 +72,14 @@ def clips_of(side: str, manner: str) -> tuple[jm.Motion, jm.Motion, jm.Motion]:
     aside = remade.capture(f"bandai/walk-{side}_normal_001.bvh")
     straight = [remade.capture(f"bandai/walk_{style}_001.bvh") for style in ("normal", manner)]
     walk, styled = (jm.timing.align(clip, aside).motion for clip in straight)
-    return walk, aside, styled
+    return from_origin(walk), from_origin(aside), from_origin(styled)
+
+
+def from_origin(motion: jm.Motion) -> jm.Motion:
+    """The hips, which hang on a root that stays where it is, begin above the origin."""
+    hips = UPPER - 1
+    start = motion.translations[0, hips].at[motion.skeleton.up_axis].set(0)
+    return motion.with_transforms(motion.translations.at[:, hips].add(-start))
 
 
 def of_blend(side: str, manner: str) -> dict:
