@@ -1,12 +1,11 @@
-"""How a body stands in the world: the joint it hangs from, which way that goes, how it leans.
+"""How a body stands in the world: which way the joint goes that it hangs from, how it leans.
 
 With n up and U a constant turn, the body's rotation is q = yaw ⊗ swing ⊗ U: yaw turns about n, the
 swing about a horizontal axis (``quaternion.arcs``). U takes to n the axis of the body that points
 up most of the time (:func:`upright`), so that a body whose own axes lie otherwise, or that crawls,
 stays far from the half turn where yaw has no meaning.
 
-The body hangs from one joint: the root, or, where a file puts a joint of its own above the hips,
-the last one down a chain of only children that are translated. O(T).
+The body hangs from one joint, :attr:`jaxmotion.Motion.body_joint`. O(T).
 """
 
 from typing import NamedTuple
@@ -21,14 +20,6 @@ from jaxmotion._types import Vector3
 from jaxmotion.frames.count import frame_mask
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion.arcs import shortest_arc, twist
-
-
-def body_of(motion: Motion) -> int:
-    """The joint that the body hangs from."""
-    joint, children = 0, motion.skeleton.children
-    while len(children[joint]) == 1 and children[joint][0] in motion.translated_joints:
-        joint = children[joint][0]
-    return joint
 
 
 def pose_in_world(
@@ -64,7 +55,7 @@ def axes_of(motion: Motion) -> Axes:
 def upright(motion: Motion, count: Int[Array, ""] | None = None) -> Vector3:
     """Which of the body's own axes, or their opposites, points up most of the time: f[3]."""
     up = jnp.asarray(axes_of(motion).up, motion.dtype)
-    _, turned = pose_in_world(motion, body_of(motion))
+    _, turned = pose_in_world(motion, motion.body_joint)
     own = quaternion.rotate(quaternion.conjugate(turned), up)
     own = jnp.mean(own, axis=0, where=counting(count, len(own))[:, None])
     most = jnp.argmax(jnp.abs(own))
@@ -81,7 +72,7 @@ def posture(
 ) -> tuple[Float[Array, "time 3"], Float[Array, "time 4"], Float[Array, "time 3"]]:
     """The body's position, yaw, and lean, the rotation vector of its swing."""
     up = jnp.asarray(axes_of(motion).up, motion.dtype)
-    position, turned = pose_in_world(motion, body_of(motion))
+    position, turned = pose_in_world(motion, motion.body_joint)
     turned = quaternion.multiply(turned, quaternion.conjugate(shortest_arc(upright, up)))
     yaw = twist(turned, up)
     return position, yaw, quaternion.log(quaternion.between(yaw, turned))

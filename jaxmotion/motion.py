@@ -181,8 +181,19 @@ class Motion(Portable):
         return self.skeleton.num_joints
 
     @property
+    def body_joint(self) -> int:
+        """The joint that the body hangs from, whose path is the body's: the root, or, where a file
+        puts a joint of its own above the hips, the last one down a chain of only children that are
+        translated."""
+        joint, children = 0, self.skeleton.children
+        while len(children[joint]) == 1 and children[joint][0] in self.translated_joints:
+            joint = children[joint][0]
+        return joint
+
+    @property
     def root_positions(self) -> Float[Array, "*batch time 3"]:
-        """World positions of the root, a view of ``translations``."""
+        """World positions of the root, a view of ``translations``. Where a file has a joint above
+        the hips that stands still, see ``body_joint``."""
         return self.translations[..., 0, :]
 
     @property

@@ -33,7 +33,6 @@ from jaxmotion._checks import instance_of, known, require, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
-from jaxmotion._posture import body_of
 from jaxmotion._room import room_for
 from jaxmotion._types import ArrayLike, Key, ScalarLike
 from jaxmotion.augmentation.draws import Draws, bent_time, drawn
@@ -260,7 +259,7 @@ def _varied(
     varied = synthesize(layers, draw.alpha, 1.0)
     if styles:
         joints = motion.num_joints
-        below = tuple((np.arange(joints) > body_of(motion)).tolist())
+        below = tuple((np.arange(joints) > motion.body_joint).tolist())
         goal = mixed(styles, draw.shares)
         body = encode(varied, goal.root_upright, count)
         varied = carried(
@@ -298,4 +297,4 @@ def _excess(
         return jnp.zeros(motion.num_joints, motion.dtype)
     excess = jnp.where(counts[:, None, None], limits.excess(motion.rotations), 0)
     most = jnp.max(jnp.abs(excess), axis=(0, 2))
-    return jnp.where(np.arange(motion.num_joints) > body_of(motion), most, 0)
+    return jnp.where(np.arange(motion.num_joints) > motion.body_joint, most, 0)

@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxmotion import quaternion
 from jaxmotion._checks import known
-from jaxmotion._posture import axes_of, body_of, pose_in_world, posture, upright
+from jaxmotion._posture import axes_of, pose_in_world, posture, upright
 from jaxmotion._room import room_for
 from jaxmotion._types import Vector3
 from jaxmotion.cleaning.missing import bridged
@@ -30,7 +30,7 @@ def from_lean(
 ) -> Float[np.ndarray, "time joint 4"]:
     """Local rotations again. The body's yaw is the motion's; where its rotation is wrong, unless
     the yaw holds all the same, the short way between the frames beside."""
-    body = body_of(motion)
+    body = motion.body_joint
     rotations = leans.copy()
     if not wrong[:, body].any():
         rotations[:, body] = known(motion.rotations)[:, body]
@@ -56,7 +56,7 @@ def _back(motion: Motion, yaw, lean, stands: Vector3) -> Float[Array, "time 4"]:
     up = jnp.asarray(axes_of(motion).up, motion.dtype)
     standing = quaternion.multiply(lean, shortest_arc(stands, up))
     turned = quaternion.multiply(yaw, standing)
-    body = body_of(motion)
+    body = motion.body_joint
     if not body:
         return turned
     _, above = pose_in_world(motion, motion.skeleton.parents[body])

@@ -21,7 +21,6 @@ from jaxtyping import Bool, Float
 
 from jaxmotion._checks import known, traced
 from jaxmotion._entry import finite_clip
-from jaxmotion._posture import body_of
 from jaxmotion.cleaning.turns import vectors_between
 from jaxmotion.contacts import find_feet
 from jaxmotion.kinematics import mirrored_pairs
@@ -59,7 +58,7 @@ def groups_of(clips: Sequence[Motion]) -> dict[str, tuple[int, ...]]:
     """The groups of clips that are known to be sound; they are gone through twice, one clip in
     memory at a time."""
     skeleton = clips[0].skeleton
-    body = body_of(clips[0])
+    body = clips[0].body_joint
     telling = informative(clips)
     telling[:body] = False
     lower = _under_feet(clips[0], body)
@@ -113,7 +112,7 @@ def informative(clips: Sequence[Motion]) -> Bool[np.ndarray, " joint"]:
         lengths.append(clip.num_frames)
     middle = np.linalg.eigh(moments)[1][..., -1].astype(kind)
     bones = _middle(np.stack(usual), np.array(lengths))
-    bones[: body_of(first) + 1] = 0
+    bones[: first.body_joint + 1] = 0
     related = _related(skeleton, bones)
     one = np.array([1, 0, 0, 0], kind)
     away, squared = np.zeros((2, skeleton.num_joints))

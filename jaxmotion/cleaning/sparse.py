@@ -19,7 +19,6 @@ from jaxtyping import Float
 
 from jaxmotion._checks import known, static
 from jaxmotion._entry import finite_clip
-from jaxmotion._posture import body_of
 from jaxmotion.cleaning.body import as_lean, from_lean
 from jaxmotion.cleaning.digression import thinned
 from jaxmotion.cleaning.foretold import about
@@ -71,7 +70,7 @@ def reconstruct_sparse(
     # What is above the body is the world's, not the performer's.
     unknown = np.ones(own.shape[:2], bool)
     unknown[:, chosen] = False
-    unknown[:, : body_of(motion)] = False
+    unknown[:, : motion.body_joint] = False
     rest = np.flatnonzero(unknown[0])
     asked = about(x[:, chosen], np.arange(len(x)), step)
     told = np.concatenate([about(v[:, chosen], np.arange(len(v)), 1) for v in every])

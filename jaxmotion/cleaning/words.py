@@ -18,7 +18,7 @@ from jaxmotion import quaternion
 from jaxmotion._checks import known, one_of, static, traced
 from jaxmotion._entry import finite_clip
 from jaxmotion._portable import Portable
-from jaxmotion._posture import axes_of, body_of, posture, upright
+from jaxmotion._posture import axes_of, posture, upright
 from jaxmotion._room import room_for
 from jaxmotion._summary import some
 from jaxmotion._types import AnyArray, Vector3
@@ -94,7 +94,7 @@ def chosen_joints(
     """The numbers of the joints that are meant."""
     skeleton = motion.skeleton
     if joints is None:
-        return tuple(range(body_of(motion), skeleton.num_joints))
+        return tuple(range(motion.body_joint, skeleton.num_joints))
     if isinstance(joints, str):
         one_of(f"{caller}: joints", joints, GROUPS)
         groups = joint_groups(motion)
@@ -121,7 +121,7 @@ def texture(
 ) -> Float[Array, "time joint 4"]:
     """Rotations of the joints, the body's without its yaw; ``stands``: the axis of the body that
     points up, by default the one that does most of the time."""
-    body, chosen = body_of(motion), np.array(joints, int)
+    body, chosen = motion.body_joint, np.array(joints, int)
     # In NumPy if it can be: JAX would compile that for every length.
     rotations = known(motion.rotations)[:, chosen]
     if body not in joints:

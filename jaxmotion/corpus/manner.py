@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
-from jaxmotion._posture import body_of, counting, upright
+from jaxmotion._posture import counting, upright
 from jaxmotion._room import room_for
 from jaxmotion._types import AnyArray
 from jaxmotion.corpus.statistics import mean_rotations
@@ -54,7 +54,7 @@ def corpus_style(view: "View") -> MotionStyle:
     mean = sum(total for _, total, _ in rows) / count
     spread = sum(m2 + n * (total / n - mean) ** 2 for n, total, m2 in rows) / count
     covariance = square / count
-    below = slice(body_of(clip) + 1, None)
+    below = slice(clip.body_joint + 1, None)
     far = np.trace(np.asarray(covariance)[below], axis1=-2, axis2=-1).sum()
     fast = np.asarray(turned)[below].sum() / max(steps, 1) / float(view.frame_time) ** 2
     tempo = 0.0 if far <= STILL**2 else np.sqrt(fast / far)

@@ -198,7 +198,8 @@ def _spikes(motion: Motion, least: float) -> Iterator[Problem]:
     if motion.num_frames < 3:
         return
     names = motion.skeleton.names
-    q, p = np.asarray(motion.rotations), np.asarray(motion.translations, np.float64)[:, :1]
+    q, body = np.asarray(motion.rotations), motion.body_joint
+    p = measures.body_positions(motion, body)[:, None]
     bend = measures.bend(motion)
     out = _isolated(bend, measures.turn(q[2:], q[:-2]), least)
     for joint, frame, _ in _runs(out, motion, after=1, merge=False):
@@ -206,9 +207,9 @@ def _spikes(motion: Motion, least: float) -> Iterator[Problem]:
         yield Problem("spike", f"out by {degrees:.0f}° for one frame", frame, frame, joint)
     far, size = measures.root_bend(motion)[:, None], measures.figure_size(motion.skeleton)
     out = _isolated(far, np.linalg.norm(p[2:] - p[:-2], axis=-1), _ROOT_SPIKE * size)
-    for joint, frame, _ in _runs(out, motion, after=1, merge=False):
+    for _, frame, _ in _runs(out, motion, after=1, merge=False):
         text = f"position out by {far[frame - 1, 0]:.4g} for one frame"
-        yield Problem("spike", text, frame, frame, joint)
+        yield Problem("spike", text, frame, frame, names[body])
 
 
 def _up(motion: Motion) -> Iterator[Problem]:

@@ -128,7 +128,8 @@ def joint_position_error(
     """Distance of every joint from the reference's, in the world.
 
     **Arguments:** ``motion``, ``reference``: clips of one shape, T frames, J joints, leading batch
-    axes allowed; ``relative``: with both roots put in one place, frame by frame.
+    axes allowed; ``relative``: with both bodies (``reference.body_joint``) put in one place,
+    frame by frame.
     **Returns:** f64[T, J], file unit.
     **Raises:** ``ValueError`` for what is no motion, or when the shapes differ.
     """
@@ -141,5 +142,6 @@ def joint_position_error(
         )
     a, b = (world_positions(m)[..., : m.num_joints, :] for m in (motion, reference))
     if relative:
-        a, b = a - a[..., :1, :], b - b[..., :1, :]
+        body = reference.body_joint
+        a, b = (p - p[..., body : body + 1, :] for p in (a, b))
     return np.linalg.norm(a - b, axis=-1)

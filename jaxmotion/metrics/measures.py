@@ -69,9 +69,9 @@ class Difference:
     **Fields:** ``frames``: how many there are; ``frames_changed``: in how many of them one sees it:
     a joint turns by over 0.05° or shifts by over a thousandth of :func:`figure_size`; ``angle``:
     turns of joints in their parents' frames, radians; ``shift``: changes of local translations,
-    file unit; ``root``: moves of the root in the world, file unit; ``distance``: moves of joints
-    and end sites in the world, file unit, None if not asked for. Each of them over all frames and
-    joints.
+    file unit; ``root``: moves of the body, ``before.body_joint``, in the world, file unit;
+    ``distance``: moves of joints and end sites in the world, file unit, None if not asked for. Each
+    of them over all frames and joints.
     """
 
     frames: int
@@ -149,14 +149,15 @@ def bend(motion: Motion) -> Float[np.ndarray, "*batch inner joint"]:
 
 
 def root_bend(motion: Motion) -> Float[np.ndarray, "*batch inner"]:
-    """How far the root is from half way between its neighbours in time.
+    """How far the body, ``motion.body_joint``, is from half way between its places in the frames
+    before and after.
 
     **Arguments:** ``motion``: T frames; leading batch axes allowed.
     **Returns:** f64[T − 2], file unit; empty for fewer than three frames.
     **Raises:** ``ValueError`` for what is no motion.
     """
     a_motion("root_bend", motion)
-    p = np.asarray(motion.translations, np.float64)[..., 0, :]
+    p = body_positions(motion, motion.body_joint)
     middle = 0.5 * (p[..., :-2, :] + p[..., 2:, :])
     return np.linalg.norm(p[..., 1:-1, :] - middle, axis=-1)
 
@@ -236,6 +237,13 @@ def world_positions(motion: Motion) -> Float[np.ndarray, "*batch time point 3"]:
     return np.concatenate(pieces, axis=-3).astype(np.float64)
 
 
+def body_positions(motion: Motion, joint: int) -> Float[np.ndarray, "*batch time 3"]:
+    """World positions of the joint that a body hangs from; those of the root are there."""
+    if joint == 0:
+        return np.asarray(motion.translations, np.float64)[..., 0, :]
+    return world_positions(motion)[..., joint, :]
+
+
 def _seconds(motion: Motion) -> np.ndarray:
     """Frame time of each clip, f[..., 1, 1], to go with what is told of steps and joints."""
     return np.asarray(motion.frame_time, np.float64)[..., None, None]
@@ -256,7 +264,8 @@ def difference(before: Motion, after: Motion, *, world: bool = False) -> Differe
             f"difference: the clips have shapes {before.rotations.shape} and "
             f"{after.rotations.shape} (time, joint, 4); they must agree"
         )
-    names = before.skeleton.names
+    names, body = before.skeleton.names, before.body_joint
+    gone = body_positions(after, body) - body_positions(before, body)
     angle = turn(before.rotations, after.rotations)
     moved = np.asarray(after.translations, np.float64) - np.asarray(before.translations, np.float64)
     shift = np.linalg.norm(moved, axis=-1)
@@ -272,7 +281,7 @@ def difference(before: Motion, after: Motion, *, world: bool = False) -> Differe
         int(changed.sum()),
         _peak(angle, names),
         _peak(shift, names),
-        _peak(shift[:, :1], names),
+        _peak(np.linalg.norm(gone, axis=-1)[:, None], names[body : body + 1]),
         distance,
     )
 

@@ -23,7 +23,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Int
 
-from jaxmotion._posture import body_of, counting, upright
+from jaxmotion._posture import counting, upright
 from jaxmotion._room import Room
 from jaxmotion.motion import Motion
 from jaxmotion.quaternion import mean
@@ -51,7 +51,7 @@ def corresponding(
     for each of the source's, -1 for none."""
     clips = source, reference
     # The bodies go by their lean, whatever their names.
-    bodies = body_of(source), body_of(reference)
+    bodies = source.body_joint, reference.body_joint
     below = [(j, k) for j, k in enumerate(theirs) if j > bodies[0] and k > bodies[1]]
     paired = list(zip(bodies, *below, strict=True))
     channels = [
@@ -105,7 +105,7 @@ def _channels(motion: Motion, count: Int[Array, ""]) -> Float[Array, "time joint
     leant = lean(motion, upright(motion, count))
     leant = leant - jnp.mean(leant, axis=0, where=counts[:, None])
     away = deviations(middle, motion.rotations, count)
-    return away.at[:, body_of(motion)].set(jnp.pad(leant, ((0, 0), (0, 1))))
+    return away.at[:, motion.body_joint].set(jnp.pad(leant, ((0, 0), (0, 1))))
 
 
 def _pairs(warp: MotionWarp, count: Int[Array, ""]) -> tuple[Array, Array]:

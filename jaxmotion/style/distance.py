@@ -22,7 +22,6 @@ from jaxmotion import quaternion
 from jaxmotion._checks import instance_of, known, one_of, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_sqrt
-from jaxmotion._posture import body_of
 from jaxmotion._room import room_for
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
@@ -71,7 +70,7 @@ def style_distance(
     one_of(f"{caller}: mean", mean, MEANS)
     theirs = matched(caller, motion.skeleton, style, match)
     used = selected(motion.skeleton, joints) & (np.array(theirs) >= 0)
-    body = body_of(motion)
+    body = motion.body_joint
     of_joints = tuple((np.flatnonzero(used[body + 1 :]) + body + 1).tolist())
     if weights is None:
         weights = np.ones(motion.num_frames, motion.dtype)

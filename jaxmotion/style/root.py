@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._numerics import rounding_angle
-from jaxmotion._posture import axes_of, body_of, counting, pose_in_world, posture
+from jaxmotion._posture import axes_of, counting, pose_in_world, posture
 from jaxmotion._types import AnyArray, Quaternion, Vector3
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
@@ -71,7 +71,7 @@ def encode(
 
 def rounding(motion: Motion) -> Float[Array, "6"]:
     """What rounding alone may make of the channels."""
-    size = jnp.max(jnp.abs(motion.translations[:, body_of(motion)]))
+    size = jnp.max(jnp.abs(motion.translations[:, motion.body_joint]))
     rate = 1 / jnp.asarray(motion.frame_time)
     one = jnp.ones_like(size)
     return rounding_angle(size.dtype) * jnp.stack([size * rate, size * rate, rate, size, one, one])
@@ -101,7 +101,7 @@ def decode(
 
 def _hung(motion: Motion, position: Array, turned: Array) -> Motion:
     """The motion with its body there, in the world."""
-    body = body_of(motion)
+    body = motion.body_joint
     if body:
         place, above = pose_in_world(motion, motion.skeleton.parents[body])
         back = quaternion.conjugate(above)
@@ -116,7 +116,7 @@ def _hung(motion: Motion, position: Array, turned: Array) -> Motion:
 
 def _ground(motion: Motion, count: Int[Array, ""] | None) -> Float[Array, ""]:
     """The height of what the body stands on."""
-    positions = forward_kinematics(motion).positions[:, body_of(motion) :]
+    positions = forward_kinematics(motion).positions[:, motion.body_joint :]
     heights = positions[..., motion.skeleton.up_axis]
     counts = counting(count, motion.num_frames)
     lowest = jnp.where(counts, jnp.min(heights, axis=1), jnp.nan)

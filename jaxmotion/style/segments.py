@@ -28,7 +28,7 @@ from jaxtyping import Float
 from jaxmotion import quaternion
 from jaxmotion._checks import one_number, static, traced
 from jaxmotion._entry import finite_clip
-from jaxmotion._posture import body_of, upright
+from jaxmotion._posture import upright
 from jaxmotion._summary import brief, line
 from jaxmotion._types import ScalarLike
 from jaxmotion.motion import Motion
@@ -120,7 +120,7 @@ def segment_styles(
 
 
 def _features(motion: Motion) -> Float[np.ndarray, "time feature"]:
-    body = body_of(motion)
+    body = motion.body_joint
     middle = quaternion.mean(motion.rotations, method="chordal")
     away = np.asarray(deviations(middle, motion.rotations), np.float64)[:, body + 1 :]
     channels = np.array(encode(motion, upright(motion))[0], np.float64)

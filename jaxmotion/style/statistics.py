@@ -34,7 +34,7 @@ from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import angle_over_sine, rounding_angle, safe_sqrt
 from jaxmotion._plain import quoted
 from jaxmotion._portable import Portable
-from jaxmotion._posture import body_of, counting, upright
+from jaxmotion._posture import counting, upright
 from jaxmotion._room import room_for
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion
 from jaxmotion.io.archive import Archive, write_archive
@@ -232,7 +232,7 @@ def statistics(
     covariance = jnp.einsum("tj,tja,tjb->jab", share, v, v)
     ends = np.cumsum([clip.num_frames for clip in clips])[:-1]
     tempo = _tempo(clips, jnp.split(w, ends), counted, covariance)
-    of_body = share[:, body_of(clips[0])]
+    of_body = share[:, clips[0].body_joint]
     channels = jnp.concatenate([x.astype(kind) for x in rows])
     root_mean = of_body @ channels
     still = jnp.max(jnp.stack([rounding(clip) for clip in clips]), axis=0)
@@ -256,7 +256,7 @@ def _tempo(
         rate = 1 / jnp.asarray(clip.frame_time, w.dtype)
         squared += jnp.sum(pair * jnp.sum(turn**2, axis=-1), axis=0) * rate**2
         total += jnp.sum(pair, axis=0)
-    below = slice(body_of(clips[0]) + 1, None)
+    below = slice(clips[0].body_joint + 1, None)
     nothing = jnp.asarray(total) <= 0
     fast = jnp.sum((squared / jnp.where(nothing, 1, total))[below])
     far = jnp.sum(jnp.trace(covariance[below], axis1=-2, axis2=-1))

@@ -25,7 +25,7 @@ from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._plain import quoted
 from jaxmotion._portable import Portable
-from jaxmotion._posture import body_of, upright
+from jaxmotion._posture import upright
 from jaxmotion._room import room_for
 from jaxmotion._summary import some
 from jaxmotion._types import ScalarLike
@@ -281,7 +281,7 @@ def _planned(
     one_of(f"{caller}: deviation", deviation, ("scalar", "covariance"))
     one_of(f"{caller}: side", side, ("right", "left"))
     chosen = selected(motion.skeleton, joints) & (np.array(theirs) >= 0)
-    body = body_of(motion)
+    body = motion.body_joint
     below = tuple(bool(on) and j > body for j, on in enumerate(chosen))
     return _Plan(below, root and bool(chosen[body]), tempo, deviation, side)
 
@@ -376,7 +376,7 @@ def _restyled(
     turned = jnp.where(chosen, quaternion.distance(own.mean, towards.mean), 0)
     scaled = jnp.where(chosen, ratio(own.deviation, towards.deviation, cap), 1)
     still = jnp.asarray(chosen) & (own.deviation < STILL)
-    changed = [on or (plan.root and j == body_of(motion)) for j, on in enumerate(plan.joints)]
+    changed = [on or (plan.root and j == motion.body_joint) for j, on in enumerate(plan.joints)]
     left = tuple(name for name, on in zip(own.joints, changed, strict=True) if not on)
     return edited, goal, StyleReport(own.joints, turned, scaled, still, longer, left)
 

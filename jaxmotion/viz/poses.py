@@ -110,7 +110,8 @@ def _across(motion: Motion, view: str) -> np.ndarray:
     if mirrored_pairs(motion):
         ahead = np.asarray(facing_direction(motion), np.float64).mean(axis=0)
     if np.linalg.norm(ahead) < 1e-6:
-        path = np.asarray(motion.root_positions, np.float64)
+        positions = forward_kinematics(motion).positions
+        path = np.asarray(positions, np.float64)[:, motion.body_joint]
         ahead = (path[-1] - path[0]) * (1 - up)
     if np.linalg.norm(ahead) < 1e-6:
         ahead = np.roll(up, 1)

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jaxmotion._plain import printable
-from jaxmotion._posture import body_of
 from jaxmotion.cleaning.turns import mean_rotation, vectors_between
 from jaxmotion.cleaning.words import texture
 from jaxmotion.motion import Motion
@@ -43,7 +42,7 @@ def plot_texture(motion: Motion, *, joints: Sequence[int | str] | None = None) -
 
     known_clip("plot_texture", motion)
     skeleton = motion.skeleton
-    every = range(body_of(motion), skeleton.num_joints)
+    every = range(motion.body_joint, skeleton.num_joints)
     chosen = joint_numbers("plot_texture", skeleton, joints, every)
     turns = _about_main_axis(np.asarray(texture(motion, tuple(chosen))))
     second, frames = float(motion.frame_time), motion.num_frames

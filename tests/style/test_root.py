@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
-from jaxmotion._posture import body_of, upright
+from jaxmotion._posture import upright
 from jaxmotion.style.root import decode, encode, lean
 from tests.helpers import assert_same_rotation
 from tests.style.clips import quaternions, rotations, skeleton, swaying
@@ -106,7 +106,7 @@ def test_a_joint_above_the_hips():
     outer = jm.Motion(
         jm.Skeleton(names, parents, offsets), place, q, 1 / 30, translated_joints=(0, 1)
     )
-    assert (body_of(inner), body_of(outer)) == (0, 1)
+    assert (inner.body_joint, outer.body_joint) == (0, 1)
     stands = upright(inner)
     np.testing.assert_allclose(encode(outer, stands)[0], encode(inner, stands)[0], atol=1e-9)
     again = decode(*encode(outer, stands), stands, outer)
