@@ -151,10 +151,10 @@ def bootstrapped(rows, rng):
     return np.nanquantile(every, [0.05, 0.95], axis=0)
 
 
-def repairs(clip, case, context, usual):
-    """By method: changes in error, the largest, and Eq. 2."""
+def repairs(clip, case, context, usual=None):
+    """By method: changes in error, the largest, and Eq. 2; where errors are found, if what is
+    ``usual`` is given."""
     truth = np.asarray(case.mask)
-    auto = jm.cleaning.repair(case.motion, context, levels=usual)
 
     def filled(mask):
         made = bridged(np.asarray(case.motion.rotations), ~np.asarray(mask))
@@ -163,20 +163,28 @@ def repairs(clip, case, context, usual):
     made = {
         "nothing": (case.motion, truth),
         "slerp, true mask": (filled(truth), truth),
-        "slerp, found mask": (filled(auto.mask), auto.mask),
-        "found mask": (auto.motion, auto.mask),
         "denoise": (jm.denoise(case.motion), truth),
         "denoise robust": (jm.denoise(case.motion, robust=True), truth),
     }
+    if usual is not None:
+        auto = jm.cleaning.repair(case.motion, context, levels=usual)
+        made["slerp, found mask"] = filled(auto.mask), auto.mask
+        made["found mask"] = auto.motion, auto.mask
     for method in ("median", "medoid", "nearest_end"):
-        fixed = jm.cleaning.repair(case.motion, context, mask=truth, method=method, levels=usual)
+        fixed = jm.cleaning.repair(case.motion, context, mask=truth, method=method)
         made[f"{method}, true mask"] = fixed.motion, truth
     for name, (motion, mask) in made.items():
-        angle = jm.metrics.turn(clip.rotations, motion.rotations)
-        inside = truth | np.asarray(mask)
-        error = jm.metrics.pose_error(clip, motion)
-        outside = jm.metrics.turn(case.motion.rotations, motion.rotations)[~inside].max()
-        yield name, [angle[truth].mean(), angle[inside].max(), error.mean(), error.max(), outside]
+        yield name, off(clip, case, motion, mask)
+
+
+def off(clip, case, motion, mask):
+    """How far a motion is from the clip: ``TITLES``."""
+    truth = np.asarray(case.mask)
+    angle = jm.metrics.turn(clip.rotations, motion.rotations)
+    inside = truth | np.asarray(mask)
+    error = jm.metrics.pose_error(clip, motion)
+    outside = jm.metrics.turn(case.motion.rotations, motion.rotations)[~inside].max()
+    return [angle[truth].mean(), angle[inside].max(), error.mean(), error.max(), outside]
 
 
 def main():

@@ -104,21 +104,23 @@ def own_path(source, reference, rotations):
     return ours.with_transforms(rotations=q)
 
 
-def angles_of(motion, joint):
-    """Unwrapped Euler angles f[T, 3] in the file's order, and the order."""
-    order = "".join(name[0] for name in motion.skeleton.channels[joint] if "rot" in name.lower())
-    order = order.upper() if len(order) == 3 else "ZXY"
+def angles_of(motion, joint, order=None):
+    """Unwrapped Euler angles f[T, 3] in the file's order, or this one, and the order."""
+    if order is None:
+        channels = motion.skeleton.channels[joint]
+        order = "".join(name[0] for name in channels if "rot" in name.lower())
+        order = order.upper() if len(order) == 3 else "ZXY"
     return np.unwrap(turns(motion.rotations[:, joint]).as_euler(order), axis=0), order
 
 
-def euler(source, reference):
+def euler(source, reference, order=None):
     q = np.array(source.rotations)
     for joint in range(q.shape[1]):
-        own, order = angles_of(source, joint)
-        other, _ = angles_of(reference, joint)
+        own, taken = angles_of(source, joint, order)
+        other, _ = angles_of(reference, joint, order)
         ratio = other.std(axis=0) / np.maximum(own.std(axis=0), 1e-3)
         turned = ratio * (own - own.mean(axis=0)) + other.mean(axis=0)
-        q[:, joint] = np.roll(Rotation.from_euler(order, turned).as_quat(), 1, axis=-1)
+        q[:, joint] = np.roll(Rotation.from_euler(taken, turned).as_quat(), 1, axis=-1)
     return own_path(source, reference, q)
 
 
