@@ -124,6 +124,7 @@ def correspondence(s, r, runs_of, rounds=4):
             bands[2, 1::2] = runs * s[:, c]
             bands[1, 2::2] = -scale
             bands[1, 3::2] = -1.0
+            bands[3] += 1e-6  # joints held still
             right = np.empty(2 * frames)
             right[0::2], right[1::2] = s[:, c] * sums[:, c], sums[:, c]
             x = solveh_banded(bands, right)
@@ -145,7 +146,7 @@ def ported(source, reference, runs_of):
     other, wanted = mean_and_deviation(r[at_reference])
     turned = multiply(q, multiply(conjugate(own), other))
     away = log(multiply(conjugate(other), turned))
-    return multiply(other, exp((wanted / sigma)[:, None] * away))
+    return multiply(other, exp((wanted / np.maximum(sigma, 1e-6))[:, None] * away))
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])

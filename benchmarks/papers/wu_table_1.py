@@ -8,7 +8,7 @@ here. Others of 31 joints stand in, resampled to the printed frames, whatever sp
     walk-hobble     Xia's "neutral" on "depressed"     run-stride   CMU 02_03, a run, on 02_01
     walk-stealthy   Xia's "neutral" on "sexy"          run-jaunty   CMU 02_03 on 02_02
 
-Each part by itself, warm, the median of ten calls: the warp with the weights that it gives
+Each part by itself, warm, the median of five calls: the warp with the weights that it gives
 (``style.correspondence.corresponding``), in float64; the transfer without a warp and without feet
 (statistics, Eq. 7, the body's path); finding contacts; and, as post, ``contacts.replant`` and
 ``cleanup_footskate``. Beside them the whole of ``transfer_style``, and its first call in a process
@@ -48,7 +48,7 @@ PRINTED = {
     "run-stride": ("cmu/02_03.amc", "cmu/02_01.amc", (135, 302), (300, 10, 22)),
     "run-jaunty": ("cmu/02_03.amc", "cmu/02_02.amc", (135, 450), (400, 13, 25)),
 }
-ROUNDS = 10
+ROUNDS = 5
 BETTER = 20
 
 
