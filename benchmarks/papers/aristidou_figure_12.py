@@ -6,9 +6,9 @@ to be of one of them; only what is known of their sections was used:
     sparse      a motion from nine joints: neck, shoulders, elbows, hips, knees
     sequences   how alike clips are by the distances of their nearest words (§7)
 
-Sparse: every second of Bandai Namco's 23 walks of two seconds and more by ``reconstruct_sparse`` from the
-others, as captured. Beside it the mean pose of the others, and the frame of the others whose nine
-joints are nearest (words of one frame). Error: mean angle of the joints that are not known,
+Sparse: every second of Bandai Namco's walks of two seconds and more by ``reconstruct_sparse`` from
+the others, as captured. Beside it the mean pose of the others, and the frame of the others whose
+nine joints are nearest (words of one frame). Error: mean angle of the joints that are not known,
 radians. Sequences: walks, runs, dashes, bows and byes in two styles; the nearest of the nine other
 clips by ``sequence_distance``, both ways added.
 
@@ -61,10 +61,11 @@ def sparse():
     good = mean["ours"] < 0.75 * mean["mean pose"] and mean["ours"] < mean["nearest frame"]
     return remade.told(
         PAPER,
-        "Fig. 12: sparse",
-        "a motion is had from nine joints",
-        f"the others are {mean['ours']:.3f} rad off, {mean['ours'] / mean['mean pose']:.2f} of "
-        f"the mean pose's {mean['mean pose']:.3f}; the nearest frame's {mean['nearest frame']:.3f}",
+        "Figure 12, sparse",
+        "A motion is had from nine joints.",
+        f"The other joints are {mean['ours']:.3f} rad off, "
+        f"{mean['ours'] / mean['mean pose']:.2f} of the mean pose's {mean['mean pose']:.3f}; the "
+        f"nearest frame's {mean['nearest frame']:.3f}.",
         "reproduced" if good else "refuted",
         rows,
         f"bandai/ walks as captured; {NOTE}",
@@ -101,9 +102,9 @@ def sequences():
     right = sum(row["nearest"].split()[0] == row["clip"].split()[0] for row in rows)
     return remade.told(
         PAPER,
-        "Fig. 12: sequences",
-        "clips that do the same have near words",
-        f"the nearest clip does the same for {right} of {len(rows)}",
+        "Figure 12, sequences",
+        "Clips that do the same have near words.",
+        f"The nearest clip does the same for {right} of {len(rows)}.",
         "reproduced" if right >= 0.8 * len(rows) else "refuted",
         rows,
         f"bandai/ clips as captured; {NOTE}",

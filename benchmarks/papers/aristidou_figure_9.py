@@ -31,7 +31,7 @@ import aristidou_table_1
 import cleaning_quality
 
 PAPER = "Aristidou et al. 2018"
-RULES = {"map": "map, pose", "published": "published, pose"}
+RULES = {"map": "ours", "published": "published, pose"}
 SHOWN = "bow_normal_001"
 SEEN, LEFT, FOUND = 0.1, 0.5, 0.7
 
@@ -77,11 +77,11 @@ def item(rule, rows, words):
     local, larger = (np.median([x[c] for x in seen]) if seen else 0.0 for c in ("local", "larger"))
     return remade.told(
         PAPER,
-        "Fig. 9" + ("" if rule == "map" else ": by the published rule"),
-        "a larger context clears a move that the local one takes for an error",
-        f"{len(seen)} of {len(rows)} clips have unusual moves beside themselves, {local:.0%} of "
+        "Figure 9" + ("" if rule == "map" else ", the published rule"),
+        "A larger context clears a move that the local one takes for an error.",
+        f"Of {len(rows)} clips {len(seen)} have unusual moves beside themselves, {local:.0%} of "
         f"frames at the median; the larger context leaves {larger:.0%}, {left:.2f} of it, and "
-        f"finds {recall:.2f} of the words in error",
+        f"finds {recall:.2f} of the words in error.",
         "reproduced" if left < LEFT and recall >= FOUND else "refuted",
         rows,
         "bandai/ bows as captured",

@@ -100,19 +100,19 @@ def items(rows, count):
     return [
         remade.told(
             PAPER,
-            "Table 2: the ranking",
-            "what self-similarity repairs is nearest to what was, all joints and one by one",
-            f"the best way at hand is {told} times as far off as ours in the four numbers "
-            f"(printed, the best peer: {theirs})",
+            "Table 2, the ranking",
+            "What self-similarity repairs is nearest to what was, all joints and one by one.",
+            f"The best way at hand is {told} times as far off as ours in the four numbers "
+            f"(printed, the best peer: {theirs}).",
             "reproduced" if min(ratios) > 1 else "refuted",
             rows,
             clips,
         ),
         remade.told(
             PAPER,
-            "Table 2: printed numbers",
-            "four peers are 5 times as far off as ours globally, and 1.5 to 14 times by joint",
-            "units, errors and peers of the table are not to be had",
+            "Table 2, printed numbers",
+            "Four peers are 5 to 9 times as far off as ours globally, 1.5 to 14 times by joint.",
+            "Units, errors and peers of the table are not to be had.",
             "not comparable",
             lines,
             clips,
