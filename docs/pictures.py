@@ -1,10 +1,10 @@
-"""The pictures of the README and of docs/, all of built-in clips.
+"""The pictures of the README and of docs/, of built-in clips but for one.
 
     python docs/pictures.py [NAME ...]        remakes docs/pictures/NAME.png, by default all
 
 Needs ``pip install '.[test]'``: matplotlib, SciPy for a filter to compare with, selenium and
 Chromium for the player. Some three minutes. Most are drawn by ``jaxmotion.viz``; two experiments
-have scripts of their own in notebooks/.
+have scripts of their own in notebooks/; the last, of real captures, is of benchmarks/papers/.
 """
 
 import importlib.util
@@ -33,6 +33,7 @@ DOUBLE = (
     "orders",
     "style_phase",
     "sudden_moves",
+    "unique_move",
 )  # drawn in float64; noise drawn in float32 is another
 NOISE = 0.05  # radians
 BROWSER = (
@@ -184,6 +185,13 @@ def sudden_moves():
     return script.draw(*script.made_up())
 
 
+def unique_move():
+    """A bow beside itself and beside others."""
+    folder = Path(__file__).parents[1] / "benchmarks" / "papers"
+    sys.path.append(str(folder))
+    return module_of(folder / "aristidou_figure_9.py").draw(0)
+
+
 def player():
     """The player with the same walk before and after, as Chromium shows it."""
     from selenium import webdriver
@@ -215,7 +223,11 @@ def player():
 
 
 def notebook(name):
-    spec = importlib.util.spec_from_file_location(name, NOTEBOOKS / f"{name}.py")
+    return module_of(NOTEBOOKS / f"{name}.py")
+
+
+def module_of(path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -225,7 +237,7 @@ PICTURES = {
     draw.__name__: draw
     for draw in (
         *(strip, layers, tuning, response, cutoffs, orders, digression, knee),
-        *(style_phase, sudden_moves, player),
+        *(style_phase, sudden_moves, player, unique_move),
     )
 }
 

@@ -23,7 +23,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parents[1] / "docs" / "papers.md"
-SHARED = ("remade", "run")
+SHARED = ("fifteen_seconds", "remade", "run")
 PLACE = re.compile(r"(<!-- ([^\n]+) -->\n).*?(<!-- end -->)", re.S)
 
 
