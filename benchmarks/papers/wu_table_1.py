@@ -73,8 +73,8 @@ def make(seed):
             PAPER,
             "Table 1",
             "Clips of 135 to 450 frames are warped, transferred and cleaned in 0.3 to 1 s.",
-            f"It takes {min(whole):.0f} to {max(whole):.0f} ms; parts take a {least:.0f}th to "
-            f"a {max(ratios):.0f}th of the printed time.",
+            f"It takes {min(whole):.0f} to {max(whole):.0f} ms; printed parts are {least:.1f} to "
+            f"{max(ratios):.0f} times as long.",
             verdict,
             rows,
             "Xia's neutral walk on two others, CMU 02's run on two walks, by resampling",
