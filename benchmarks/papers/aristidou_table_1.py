@@ -19,7 +19,7 @@ clips (small), 20 to 30 (large). It printed recall and precision, ``PRINTED`` be
     published  MDM above 0.5 of row means, K = 5, by both
     (a)-(c)    joint limits, rotation rates, both, learned from all other clips
 
-Verdicts, set down before anything was run. F is the harmonic mean of recall and precision.
+Verdicts, set down before any result was seen. F is the harmonic mean of recall and precision.
 
     ours       better: every printed pair is reached; reproduced: neither falls by more than 0.01
                from a context to the next, and the largest context's are within 0.05 of the printed
