@@ -27,7 +27,7 @@ import pytest
 from jax import monitoring
 from scipy.spatial.transform import Rotation
 
-from jaxmotion import Motion, Skeleton
+from jaxmotion import Motion, Skeleton, quaternion
 
 
 def check_gradients(f, *args, rtol=1e-6, atol=1e-6, eps=1e-5, seed=0):
@@ -266,3 +266,28 @@ def by_precision(cases, single):
         for case in cases
         for dtype in ("float32", "float64")
     ]
+
+
+def hung(motion, tilt=0.3):
+    """The same below a joint that stands still, is tilted and lies elsewhere; and its skeleton."""
+    old = motion.skeleton
+    half = np.array([np.cos(tilt / 2), np.sin(tilt / 2), 0, 0])
+    place = np.array([1.0, 2.0, 3.0])
+    skeleton = Skeleton(
+        names=("Reference", *old.names),
+        parents=(-1, *(parent + 1 for parent in old.parents)),
+        offsets=np.concatenate([np.zeros((1, 3)), old.offsets]),
+        up=old.up,
+    )
+    still = np.ones((motion.num_frames, 1, 1))
+    q, p = np.array(motion.rotations), np.array(motion.translations)
+    inverse = jnp.asarray(half * [1, -1, -1, -1])
+    q[:, 0] = quaternion.multiply(jnp.broadcast_to(inverse, q[:, 0].shape), q[:, 0])
+    p[:, 0] = quaternion.rotate(inverse, jnp.asarray(p[:, 0] - place))
+    return Motion(
+        skeleton,
+        np.concatenate([still * place, p], axis=1),
+        np.concatenate([still * half, q], axis=1),
+        motion.frame_time,
+        translated_joints=(1,),
+    )

@@ -32,6 +32,7 @@ from jaxtyping import Array
 from jaxmotion import quaternion, spacetime
 from jaxmotion._checks import instance_of, static, traced
 from jaxmotion._file_facts import compiled
+from jaxmotion._posture import pose_in_world
 from jaxmotion.contacts import Contacts
 from jaxmotion.contacts.contact import check_kept
 from jaxmotion.displacement import Displacement
@@ -150,8 +151,9 @@ def _check_known(first: Motion, second: Motion, caller: str) -> None:
 def _best_cut(first: Motion, second: Motion, search: int) -> tuple[int, int]:
     beside = round(_BESIDE / float(first.frame_time))
     rows, columns = (min(search, m.num_frames // 2) + 1 for m in (first, second))
-    *ends, peak = _kinetics(first[-(rows + beside) :])
-    *starts, other = _kinetics(second[: columns + beside])
+    body = _body_of(first, second)
+    *ends, peak = _kinetics(first[-(rows + beside) :], body)
+    *starts, other = _kinetics(second[: columns + beside], body)
     last = len(peak) - rows
     before = [peak[max(last + i - beside, 0) : last + i + 1].max() for i in range(rows)]
     after = [other[j : j + beside + 1].max() for j in range(columns)]
@@ -163,10 +165,10 @@ def _best_cut(first: Motion, second: Motion, search: int) -> tuple[int, int]:
     return rows - 1 - int(i), int(j)
 
 
-def _kinetics(motion: Motion) -> tuple[np.ndarray, ...]:
-    """Rotations of the joints but the root f64[T, J, 4], their angular velocities and accelerations
-    f64[T, 3J], each the last axis of one frame, over √J, and the size of the acceleration f64[T]
-    with the root's."""
+def _kinetics(motion: Motion, body: int) -> tuple[np.ndarray, ...]:
+    """Rotations of the joints below the ``body``'s f64[T, J, 4], their angular velocities and
+    accelerations f64[T, 3J], each the last axis of one frame, over √J, and the size of the
+    acceleration of all f64[T]."""
     q = np.asarray(motion.rotations, np.float64)
     frames, joints = q.shape[:2]
     step = quaternion.log(quaternion.between(jnp.asarray(q[:-1]), jnp.asarray(q[1:])))
@@ -177,7 +179,7 @@ def _kinetics(motion: Motion) -> tuple[np.ndarray, ...]:
     a = np.concatenate([a[:1], a, a[-1:]])[:frames]
     v = 0.5 * (np.concatenate([v[:1], v]) + np.concatenate([v, v[-1:]]))[:frames]
     size = np.sqrt(np.mean(np.sum(a * a, axis=-1), axis=-1))
-    some = slice(1 if joints > 1 else 0, None)
+    some = slice(body + 1 if joints > body + 1 else 0, None)
     flat = (x[:, some].reshape(len(x), -1) / np.sqrt(q[:, some].shape[1]) for x in (v, a))
     return q[:, some], *flat, size
 
@@ -197,10 +199,12 @@ def _squares_apart(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def follow(first: Motion, second: Motion) -> Motion:
     """``second`` put where ``first`` ends: turned about the vertical, moved over the ground.
 
-    Its root then starts where the root of ``first`` ends; heights and tilts stay.
+    Its root then starts where the root of ``first`` ends; heights and tilts stay. Where a file has
+    joints above the hips, the hips do (``motion.body_joint``), and those joints stay as ``first``
+    leaves them, so that they do not move at a seam.
 
     **Arguments:** ``first``, ``second``: single clips of one skeleton and frame time.
-    **Returns:** a motion of ``second``'s shape.
+    **Returns:** a motion of ``second``'s shape, whose body joint is translated.
     **Raises:** ``ValueError`` for clips of different joints or frame times, at run time for frame
     times that are traced.
     """
@@ -209,19 +213,31 @@ def follow(first: Motion, second: Motion) -> Motion:
 
 @compiled
 def _follow(first: Motion, second: Motion) -> Motion:
-    up = np.eye(3)[second.skeleton.up_axis]
-    end, start = first.rotations[-1, 0], second.rotations[0, 0]
-    apart = quaternion.multiply(end, quaternion.conjugate(start))
-    axis = jnp.asarray(up, apart.dtype)
-    heading = twist(apart, axis)
-    p = jnp.asarray(second.translations)
-    origin = p[0, 0]
-    target = jnp.asarray(first.translations)[-1, 0] * (1 - axis) + origin * axis
-    root = quaternion.rotate(heading, p[:, 0] - origin) + target
-    turned = quaternion.multiply(heading, second.rotations[:, 0])
-    return second.with_transforms(
-        p.at[:, 0].set(root), jnp.asarray(second.rotations).at[:, 0].set(turned)
-    )
+    axis = jnp.asarray(np.eye(3)[second.skeleton.up_axis], second.dtype)
+    body, last = _body_of(first, second), first[-1]
+    end_place, end = (x[0] for x in pose_in_world(last, body))
+    place, turned = pose_in_world(second, body)
+    heading = twist(quaternion.multiply(end, quaternion.conjugate(turned[0])), axis)
+    origin = place[0]
+    target = end_place * (1 - axis) + origin * axis
+    place = quaternion.rotate(heading, place - origin) + target
+    turned = quaternion.multiply(heading, turned)
+    p, q = jnp.asarray(second.translations), jnp.asarray(second.rotations)
+    if body:  # the joints above it, one below the other, stay as the first clip leaves them
+        p = p.at[:, :body].set(last.translations[:, :body])
+        q = q.at[:, :body].set(last.rotations[:, :body])
+        above, turn = (x[0] for x in pose_in_world(last, body - 1))
+        back = quaternion.conjugate(turn)
+        place = quaternion.rotate(back, place - above)
+        turned = quaternion.multiply(back, turned)
+    moving = tuple(sorted({*second.translated_joints, body}))
+    moved = with_moving_joints(second, moving)
+    return moved.with_transforms(p.at[:, body].set(place), q.at[:, body].set(turned))
+
+
+def _body_of(first: Motion, second: Motion) -> int:
+    """The joint that the body of both hangs from."""
+    return max(first.body_joint, second.body_joint)
 
 
 def _end_to_end(first: Motion, second: Motion) -> Motion:

@@ -1,37 +1,11 @@
 """Files that put a joint above the hips, which stands still: the hips carry the body."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxmotion as jm
 from jaxmotion.metrics import difference, joint_position_error, root_bend
-from tests.helpers import no_shape_checks
-
-
-def hung(motion, tilt=0.3):
-    """The same below a joint that stands still, is tilted and lies elsewhere; and its skeleton."""
-    old = motion.skeleton
-    half = np.array([np.cos(tilt / 2), np.sin(tilt / 2), 0, 0])
-    place = np.array([1.0, 2.0, 3.0])
-    skeleton = jm.Skeleton(
-        names=("Reference", *old.names),
-        parents=(-1, *(parent + 1 for parent in old.parents)),
-        offsets=np.concatenate([np.zeros((1, 3)), old.offsets]),
-        up=old.up,
-    )
-    still = np.ones((motion.num_frames, 1, 1))
-    q, p = np.array(motion.rotations), np.array(motion.translations)
-    inverse = jnp.asarray(half * [1, -1, -1, -1])
-    q[:, 0] = jm.quaternion.multiply(jnp.broadcast_to(inverse, q[:, 0].shape), q[:, 0])
-    p[:, 0] = jm.quaternion.rotate(inverse, jnp.asarray(p[:, 0] - place))
-    return jm.Motion(
-        skeleton,
-        np.concatenate([still * place, p], axis=1),
-        np.concatenate([still * half, q], axis=1),
-        motion.frame_time,
-        translated_joints=(1,),
-    )
+from tests.helpers import hung, no_shape_checks
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 import jaxmotion as jm
 from jaxmotion import quaternion
 from jaxmotion.multiresolution import best_cut, follow, stitch
-from tests.helpers import assert_same_rotation, no_shape_checks, random_motion
+from tests.helpers import assert_same_rotation, hung, no_shape_checks, random_motion
 from tests.multiresolution.oracles import swaying
 
 
@@ -77,6 +77,19 @@ def test_the_second_clip_is_moved_over_the_ground(clips):
     here, there = stitch([a, b], 2), stitch([a, elsewhere], 2)
     assert_same_rotation(here.rotations, there.rotations)
     np.testing.assert_allclose(here.translations, there.translations, atol=1e-12)
+
+
+@pytest.mark.parametrize("search", [0, 6])
+def test_joints_above_the_hips_make_no_difference(clips, search):
+    """What is stitched does not depend on coordinates, so neither on where such a joint is."""
+    a, b = clips
+    want = stitch([a, b], 2, search=search)
+    got = stitch([hung(a), hung(b, tilt=-0.7)], 2, search=search)
+    assert got.num_frames == want.num_frames
+    np.testing.assert_allclose(got.rotations[:, :1] - got.rotations[:1, :1], 0, atol=1e-12)
+    np.testing.assert_allclose(got.translations[:, 0] - got.translations[0, 0], 0, atol=1e-12)
+    joints = jm.forward_kinematics(want).positions
+    np.testing.assert_allclose(jm.forward_kinematics(got).positions[:, 1:], joints, atol=1e-9)
 
 
 def test_the_cut_is_where_the_clips_agree():
@@ -152,6 +165,9 @@ def test_real_walks_join_without_a_seam(data_dir, first, second):
         allowed = max(np.percentile(own, 95), np.percentile(other, 95))
         assert smooth[64 - 8 : 64 + 8].max() <= allowed
         assert rough[a.num_frames - 8 : a.num_frames + 8].max() > allowed
+    paths = [jm.forward_kinematics(clip).positions[:, a.body_joint] for clip in (got, a, b)]
+    steps = [np.linalg.norm(np.diff(path, axis=0), axis=-1) for path in paths]
+    assert steps[0].max() <= 1.1 * max(steps[1].max(), steps[2].max())
 
 
 def test_errors_name_the_function_that_was_called():
