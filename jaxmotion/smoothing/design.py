@@ -56,6 +56,12 @@ class Observations(Portable):
     weights: Float[Array, "data ..."] | None
     num_frames: int = eqx.field(static=True)
 
+    @property
+    def frames(self) -> tuple[Array, ...]:
+        """The one or two frames that every datum speaks of."""
+        frame = jnp.arange(self.num_frames) if self.frame is None else self.frame
+        return (frame,) if self.back is None else (frame - 1, frame)
+
     def positions(self, dtype: jnp.dtype) -> Array:
         """Target frame of every datum."""
         frame = jnp.arange(self.num_frames) if self.frame is None else self.frame

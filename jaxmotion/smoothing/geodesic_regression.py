@@ -60,6 +60,7 @@ from jaxmotion.quaternion.tangent import (
     relative,
 )
 from jaxmotion.smoothing.chordal import chordal
+from jaxmotion.smoothing.data_ends import Ends, ends_of
 from jaxmotion.smoothing.design import Design, Observations, observe
 from jaxmotion.smoothing.lgs import checked_stiffness
 from jaxmotion.smoothing.losses import BEND, slack, slope
@@ -71,7 +72,8 @@ _UNIT = 1e-3  # how far from 1 a norm may be
 class _Problem(Portable):
     """The cost times sigma^2 of every joint, in turns d of the frames around ``start``.
 
-    ``rows``: what the prior multiplies each change with, v_t or v_t - v_{t-1}.
+    ``rows``: what the prior multiplies each change with, v_t or v_t - v_{t-1}; ``beyond``: 1 for
+    frames before the first datum and after the last, which stay where they are; None for none.
     """
 
     start: Float[Array, "frames joints 4"]
@@ -82,6 +84,7 @@ class _Problem(Portable):
     seen: Observations
     order: int = eqx.field(static=True)
     loss: Literal["l2", "huber", "cauchy"] = eqx.field(static=True)
+    beyond: Float[Array, "frames 1 #joints"] | None = None
 
     @property
     def unmoved(self) -> Float[Array, "frames 3 joints"]:
@@ -136,6 +139,8 @@ def _residuals(turn: Array, problem: _Problem) -> tuple[Array, ...]:
     weights, slack = lax.stop_gradient(problem.robust(misfit))
     root = jnp.where(weights > 0, jnp.sqrt(jnp.where(weights > 0, weights, 1.0)), 0.0)
     residuals = (root * misfit, problem.bend(problem.velocity(turn)))
+    if problem.beyond is not None:
+        residuals += (problem.beyond * turn,)
     return residuals if problem.loss == "l2" else (*residuals, jnp.sqrt(jnp.maximum(slack, 0.0)))
 
 
@@ -144,7 +149,7 @@ def _torque(turn: Array, problem: _Problem) -> Array:
     shared = problem.logs(turn)
     misfit = _total(shared)
     pull = problem.robust(misfit)[0] * misfit
-    torque = jnp.zeros_like(turn)
+    torque = jnp.zeros_like(turn) if problem.beyond is None else problem.beyond * turn
     for number, (log, share) in enumerate(shared):
         at_frame = -on_blocks(inverse_jacobian, log, pull if share is None else share * pull)
         if problem.seen.frame is None:
@@ -323,8 +328,23 @@ def _prior_rows(
     return rows[:, None]
 
 
+def _between(problem: _Problem, ends: Ends) -> _Problem:
+    """The problem of the frames that data lie between."""
+    inside, order = ends.inside(problem.seen.num_frames), problem.order
+    rows = jnp.where((inside[:-order] & inside[order:])[:, None], problem.rows, 0)
+    beyond = (~inside[:, None]).astype(problem.start.dtype)
+    return eqx.tree_at(
+        lambda p: (p.rows, p.beyond), problem, (rows, beyond), is_leaf=lambda leaf: leaf is None
+    )
+
+
 @eqx.filter_jit
 def _solve(problem: _Problem, throw: bool, joints: tuple[int, ...]) -> GeodesicPosterior:
+    whole, ends = problem, None
+    if problem.weights is not None or problem.seen.frame is not None:
+        counts = jnp.ones((len(problem.data), 1)) if problem.weights is None else problem.weights
+        ends = ends_of(problem.seen, counts > 0)
+        problem = _between(problem, ends)
     frozen = jax.tree.map(lax.stop_gradient, problem)
     unmoved = frozen.unmoved
     found = optimistix.least_squares(
@@ -360,9 +380,10 @@ def _solve(problem: _Problem, throw: bool, joints: tuple[int, ...]) -> GeodesicP
         lambda turn: _torque(turn, problem), unmoved, lambda _, start: start, tangent_solve
     )
     mean = problem.rotations(turn)
-    problem = eqx.tree_at(lambda p: p.start, problem, mean)
+    mean = mean if ends is None else ends.continued(mean, problem.order)
+    whole = eqx.tree_at(lambda p: p.start, whole, mean)
     steps = jnp.asarray(found.stats["num_steps"])
-    return GeodesicPosterior(mean.reshape(-1, *joints, 4), steps, found.result, problem)
+    return GeodesicPosterior(mean.reshape(-1, *joints, 4), steps, found.result, whole)
 
 
 def _no_minimum(hessian: BlockBandedFactor) -> list[Fault]:

@@ -262,6 +262,38 @@ def test_float32_throughout_and_an_answer_or_a_flag_beyond_it(smooth):
         geodesic(q.astype(jnp.float32), 1e8, 1.0)
 
 
+@pytest.mark.parametrize("order", [1, 2])
+def test_frames_beyond_the_data(order):
+    """Each joint with its own: the whole cost is least, and what goes on costs nothing."""
+    weights = np.ones((16, 2))
+    weights[:3, 0] = weights[12:, 0] = weights[14:, 1] = weights[6, 1] = 0
+    q = clip(16, 2)
+    found = geodesic(q, LAMS, SIGMAS, order=order, weights=weights)
+    assert found.gradient_norm < 1e-9
+    if order == 2:  # order 1 weighs the steps at the ends of a clip half as much
+        inner = geodesic(q[3:12, :1], LAMS[:1], SIGMAS[:1]).mean
+        assert largest_angle(found.mean[3:12, 0], inner[:, 0]) < 1e-9
+    steps = quaternion.log(quaternion.between(found.mean[:-1], found.mean[1:]))
+    at_end = steps[10, 0] if order == 2 else 0 * steps[10, 0]
+    np.testing.assert_allclose(steps[11:, 0], np.broadcast_to(at_end, (4, 3)), atol=1e-9)
+    sparse = geodesic(q[:5], LAM, SIGMA, order=order, index=[2.5, 4, 5.5, 7, 9], num_frames=14)
+    assert sparse.gradient_norm < 1e-9
+
+
+def test_single_precision_with_many_frames_beyond_the_data():
+    """A clip in a room twice its size: normal equations of 300 frames that hang one from the other
+    have no digits in float32."""
+    turn = 0.7 * np.sin(0.1 * np.arange(226)[:, None] + np.arange(3))
+    q = quaternion.exp(turn + 0.01 * np.random.default_rng(0).standard_normal((226, 3)))
+    alone = geodesic(np.asarray(q), 300.0, 1.0)
+    weights = np.where(np.arange(512) < 226, 1.0, 0.0)
+    padded = np.pad(np.asarray(q), ((0, 286), (0, 0)), mode="edge")
+    found = geodesic(padded.astype(np.float32), 300.0, 1.0, weights=weights.astype(np.float32))
+    assert found.converged
+    assert found.num_steps <= alone.num_steps + 2
+    assert largest_angle(found.mean[:226], alone.mean) < 1e-3
+
+
 @pytest.mark.slow
 def test_derivatives_forward_reverse_and_finite_differences():
     """In data, lam, sigma, weights, stiffness and a fractional index at once."""
@@ -270,7 +302,7 @@ def test_derivatives_forward_reverse_and_finite_differences():
     turn = jnp.asarray(rng.standard_normal((6, 2, 3)))
     weights = jnp.asarray(rng.uniform(0.5, 2, (6, 2)))
     target = jnp.asarray(rng.standard_normal((8, 2, 4)))
-    index = jnp.array([0.2, 1.5, 2.2, 4.3, 5.1, 6.6])
+    index = jnp.array([0.2, 1.5, 2.2, 4.3, 5.1, 5.6])  # frame 7 is beyond
 
     def function(t):
         moved = quaternion.multiply(q, quaternion.exp(t * turn))
