@@ -43,11 +43,12 @@ def of_joints(
 
 
 def in_brief(rows: Sequence[dict[str, Any]]) -> str:
-    """Which joints were turned most, and of which what was removed is not like noise; "" where none
-    was turned far."""
+    """Which joints were turned most, and of which what was removed is not like noise; of a clip
+    with next to none, that."""
     far = [row for row in rows if row["degrees"] >= _TOLD]
     if not far:
-        return ""
+        most = max(rows, key=lambda row: row["degrees"], default=None)
+        return f"next to no noise: at most {most['degrees']:.2g}°, {most['joint']}" if most else ""
     text = f"turned most: {', '.join(map(_most, far[:_NAMED]))}"
     odd = [row for row in far if row["stands_out"]]
     if not odd:

@@ -29,14 +29,15 @@ _ALPHA = 2.0
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 @running_options
 def command(out: Path, seed: int, overwrite: bool, running: Running) -> None:
-    """Make a synthetic walk, add noise, remove it, exaggerate it; write the BVH files.
+    """Make a synthetic walk, add noise, remove it, exaggerate it, break two joints of it; write
+    the BVH files.
 
     Then print how far each is from the truth.
     """
     from jaxmotion.cli import _files, _session
     from jaxmotion.cli._work import write
 
-    names = ("clean", "noisy", "denoised", "exaggerated")
+    names = ("clean", "noisy", "denoised", "exaggerated", "broken")
     paths = {name: out / f"{name}.bvh" for name in names}
     there = [path for path in paths.values() if path.exists()]
     if there and not overwrite:
@@ -50,6 +51,8 @@ def command(out: Path, seed: int, overwrite: bool, running: Running) -> None:
 
 
 def _clips(seed: int) -> "dict[str, Motion]":
+    import jax
+
     import jaxmotion as jm
 
     sample, noisy = jm.samples.clean_and_noisy("walk", seed=seed)
@@ -59,6 +62,7 @@ def _clips(seed: int) -> "dict[str, Motion]":
         "noisy": noisy.motion,
         "denoised": jm.synthesize(layers, 1.0),
         "exaggerated": jm.synthesize(layers, _ALPHA),
+        "broken": jm.samples.offset_joints(sample.motion, jax.random.key(seed), runs=2).motion,
     }
 
 
@@ -100,3 +104,5 @@ def _print_table(clips: "dict[str, Motion]", paths: dict[str, Path]) -> None:
         console.print(f"  {printable(path)}", soft_wrap=True)
     both = " ".join(printable(paths[name]) for name in ("noisy", "denoised"))
     console.print(f"See it: jaxmotion compare {both}", soft_wrap=True)
+    folder = printable(paths["broken"].parent)
+    console.print(f"Find the two errors: jaxmotion repair {folder} --detect-only", soft_wrap=True)

@@ -148,6 +148,15 @@ def test_holds():
     assert held(holding(10, 13), 30.0).any()
 
 
+def test_a_joint_that_never_moves_holds_nothing():
+    """Nobody captured it; one that begins or ends to move does hold."""
+    q = np.array(holding())
+    q[:, 2] = q[0, 2]
+    assert not held(q, 30.0).any()
+    q[-1, 2] = q[-1, 1]
+    assert held(q, 30.0)[1:-1, 2].all()
+
+
 def test_slow_turns_are_no_holds():
     q = holding()
     still, turn = np.arange(8)[:, None], np.array([[1.0, 0, 0]])

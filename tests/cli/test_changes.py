@@ -28,7 +28,9 @@ def row(joint, degrees, *stands_out, contact=None, noise=0.41):
 
 def test_what_is_told():
     toe, hand = row("Toe", 3.217), row("Hand", 2.0, noise=None)
-    assert in_brief([]) == in_brief([row("Toe", 0.49, "lean")]) == ""
+    assert in_brief([]) == ""
+    little = [row("Hand", 0.004), row("Toe", 0.049, "lean")]
+    assert in_brief(little) == "next to no noise: at most 0.049°, Toe"
     first = "turned most: Toe by 3.22° at frame 374 (noise 0.41°, 2.1 % of variance)"
     assert in_brief([toe]) == first
     assert "(noise 0.41°, 99 % of variance)" in in_brief([toe | {"share": 0.998}])

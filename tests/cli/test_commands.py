@@ -248,6 +248,7 @@ def test_demo(jaxmotion, tmp_path):
     result = jaxmotion("demo", "-o", out)
     clips = {name: jm.load(out / f"{name}.bvh") for name in ("clean", "noisy", "denoised")}
     assert (out / "exaggerated.bvh").exists()
+    assert (out / "broken.bvh").exists()
     off = {name: degrees(clips["clean"], clip).mean() for name, clip in clips.items()}
     assert off["denoised"] < 0.8 * off["noisy"]
     assert "denoised" in result.stdout
