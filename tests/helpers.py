@@ -253,15 +253,18 @@ def compilations() -> Iterator[list[str]]:
         monitoring.unregister_event_duration_listener(listen)
 
 
-def by_precision(cases, single):
+def by_precision(cases, single, rare=()):
     """Parameters (case, dtype): every case in float64, and in float32 those of ``single``; the
-    others in float32 too where a sweep is asked for. For cases that take long to compile."""
+    others in float32 too where a sweep is asked for, as are the ``rare`` at all. For cases that
+    take long to compile."""
     return [
         pytest.param(
             case,
             np.dtype(dtype),
             id=f"{case}-{dtype}",
-            marks=pytest.mark.sweep if dtype == "float32" and case not in single else (),
+            marks=pytest.mark.sweep
+            if case in rare or (dtype == "float32" and case not in single)
+            else (),
         )
         for case in cases
         for dtype in ("float32", "float64")
