@@ -36,8 +36,8 @@ def check_gradients(f, *args, rtol=1e-6, atol=1e-6, eps=1e-5, seed=0):
     **Arguments:** ``f``: takes and returns pytrees of floating-point arrays; ``args``: where to
     check; every leaf is varied. Use float64. ``eps``: step, relative to inputs of order 1.
 
-    One compile for the values and one for both derivatives: cheaper than
-    ``jax.test_util.check_grads``, which also hands numpy arrays to ``f``.
+    One program has all of it, the value once: cheaper than ``jax.test_util.check_grads``, which
+    also hands numpy arrays to ``f``.
     """
     rng = np.random.default_rng(seed)
     args = jax.tree.map(jnp.asarray, args)
@@ -45,22 +45,19 @@ def check_gradients(f, *args, rtol=1e-6, atol=1e-6, eps=1e-5, seed=0):
     def direction(tree):
         return jax.tree.map(lambda x: jnp.asarray(rng.standard_normal(x.shape), x.dtype), tree)
 
-    f_compiled = jax.jit(f)
-    tangent = direction(args)
-    beyond, before = (
-        f_compiled(*jax.tree.map(lambda x, t, h=h: x + jnp.asarray(h, x.dtype) * t, args, tangent))
-        for h in (eps, -eps)
-    )
-    numeric = jax.tree.map(lambda a, b: np.asarray(a - b, np.float64) / (2 * eps), beyond, before)
-    cotangent = direction(beyond)
-
     @jax.jit
-    def derivatives(args, tangent, cotangent):
-        forward = jax.jvp(f, args, tangent)[1]
-        value, pull = jax.vjp(f, *args)
-        return forward, pull(jax.tree.map(lambda c, v: c.astype(v.dtype), cotangent, value))
+    def everything(args, tangent):
+        value, slope = jax.linearize(f, *args)
+        cotangent = direction(value)
+        return value, slope(*tangent), cotangent, jax.linear_transpose(slope, *args)(cotangent)
 
-    forward, reverse = derivatives(args, tangent, cotangent)
+    def at(h):
+        moved = jax.tree.map(lambda x, t: x + jnp.asarray(h, x.dtype) * t, args, tangent)
+        return everything(moved, tangent)
+
+    tangent = direction(args)
+    (beyond, *_), (before, *_), (_, forward, cotangent, reverse) = at(eps), at(-eps), at(0.0)
+    numeric = jax.tree.map(lambda a, b: np.asarray(a - b, np.float64) / (2 * eps), beyond, before)
     for got, want in zip(jax.tree.leaves(forward), jax.tree.leaves(numeric), strict=True):
         np.testing.assert_allclose(got, want, rtol, atol, err_msg="forward mode")
     np.testing.assert_allclose(
@@ -84,7 +81,8 @@ def assert_finite_derivatives(f, *args):
 
     @jax.jit
     def everything(*args):
-        return f(*args), jax.jacfwd(f, numbers)(*args), jax.jacrev(f, numbers)(*args)
+        value, slope = jax.linearize(f, *args)
+        return value, jax.jacfwd(slope, numbers)(*args), jax.jacrev(slope, numbers)(*args)
 
     value, forward, reverse = everything(*args)
     for name, tree in (("value", value), ("forward mode", forward), ("reverse mode", reverse)):
