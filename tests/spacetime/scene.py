@@ -121,10 +121,10 @@ class Oracle:
         parts.append(np.sqrt(w.bend) / self.dt**2 * stiff * np.diff(delta, n=2, axis=0))
         return np.concatenate([np.ravel(part) for part in parts])
 
-    def minimum(self):
+    def minimum(self, steps=100):
         start = np.zeros(self.frames * (3 + 3 * len(self.joints)))
         return least_squares(
-            self.residuals, start, xtol=1e-13, ftol=1e-13, gtol=1e-11, max_nfev=100
+            self.residuals, start, xtol=1e-13, ftol=1e-13, gtol=1e-11, max_nfev=steps
         )
 
 

@@ -81,6 +81,7 @@ def test_exaggerated_walk(original):
     assert angle_between(answer.rotations, edit.rotations).max() < 0.7
 
 
+@pytest.mark.sweep  # a walk that is made is above
 def test_exaggerated_capture(data_dir):
     motion = jm.load(data_dir / "bandai" / "walk_normal_001.bvh")
     layers = jm.decompose(motion)
@@ -141,6 +142,7 @@ def test_contacts_follow_a_time_warp(original, contacts):
     assert skate(slow, moved) < 0.1 * skate(plain, moved)
 
 
+@pytest.mark.sweep  # tests/test_lengths.py restores clips of a given length
 def test_what_lies_beyond_the_length_does_not_matter(original, contacts):
     edit = jm.stylize(original, 2.0)
     turned = edit.rotations.at[45:].set(jnp.roll(edit.rotations, 3, axis=0)[45:])

@@ -1,5 +1,5 @@
 """The whole solver against SciPy on the same cost; ``everything`` is compiled once for all that
-need limits and a floor."""
+need derivatives."""
 
 import functools
 
@@ -37,6 +37,13 @@ def solve(motion, contacts, limits=None, floor=None, weights=WEIGHTS, **options)
     )
 
 
+def all_active():
+    """The scene with a contact aside: all joints are active."""
+    motion, contacts = case()
+    points = ContactPoints(motion.skeleton, [3, 4], contacts.point)
+    return motion, Contacts(points, contacts.mask, points.positions(motion) + 0.05)
+
+
 def givens(motion, contacts):
     """What ``everything`` takes and differentiates in."""
     limits = limits_of()
@@ -61,11 +68,11 @@ def smooth(motion, report):
     }
 
 
-@jax.jit
-def everything(given, tangent, cotangent):
+@functools.partial(jax.jit, static_argnums=0)
+def everything(scene, given, tangent, cotangent):
     """The answer and its report; the derivative of ``smooth`` along the tangent, and the slopes of
     its product with the cotangent."""
-    motion, contacts = case()
+    motion, contacts = scene()
 
     def function(given):
         moved = motion.with_transforms(motion.translations.at[:, 0].set(given["root"]), given["q"])
@@ -95,10 +102,7 @@ def test_the_answer_is_scipys(asked):
     extra = (limits_of(), FLOOR) if asked == "everything" else (None, None)
     oracle = Oracle(motion, contacts, *extra)
     want = oracle.minimum()
-    if asked == "everything":
-        (answer, report), _, _ = everything(givens(motion, contacts), *zeros())
-    else:
-        answer, report = solve(motion, contacts)
+    answer, report = solve(motion, contacts, *extra)
     assert bool(report.converged)
     np.testing.assert_allclose(report.cost_before, 0.5 * np.sum(oracle.residuals(0 * want.x) ** 2))
     np.testing.assert_allclose(report.cost, want.cost, rtol=1e-7)
@@ -137,14 +141,14 @@ def test_contacts_already_kept_change_nothing():
 
 def test_a_miss_of_rounding_size_is_none():
     """Its direction would be rounding's, and so would be a derivative of size one along it."""
-    motion, contacts = case()
+    motion, contacts = all_active()
     given = givens(motion, contacts)
     given["target"] = contacts.points.positions(motion) + 1e-15
     far = {"lower": -10.0, "upper": 10.0, "floor": -100.0}
     given |= {name: jnp.full_like(given[name], value) for name, value in far.items()}
     tangent, cotangent = zeros()
     cotangent["error"] = jnp.ones_like(cotangent["error"])
-    (_, report), _, slopes = everything(given, tangent, cotangent)
+    (_, report), _, slopes = everything(all_active, given, tangent, cotangent)
     np.testing.assert_array_equal(report.position_error, 0)
     np.testing.assert_array_equal(slopes["target"], 0)
 
@@ -163,10 +167,10 @@ def test_unreachable_and_contradictory_targets_get_the_compromise():
     motion, contacts = case()
     far = contacts.target.at[:, 0].add(jnp.asarray([9.0, 3.0, 0.0]))
     oracle = Oracle(motion, eqx.tree_at(lambda c: c.target, contacts, far), None, None)
-    want = oracle.minimum()
+    want = oracle.minimum(steps=40)  # then 1 + 4e-4 of what it goes on to
     answer, report = solve(motion, oracle.contacts)
     assert np.all(np.isfinite(answer.rotations))
-    assert float(report.cost) <= want.cost * 1.01
+    assert float(report.cost) <= want.cost * 1.009
     assert float(report.position_error.max()) > 0.1
 
 
@@ -209,9 +213,7 @@ def test_splines_meet_contacts(dtype):
 
 @pytest.mark.slow
 def test_bounds_and_firm_limits_agree_and_bounds_are_never_crossed():
-    motion, contacts = case()
-    aside = ContactPoints(motion.skeleton, [3, 4], contacts.point)  # all joints are active
-    contacts = Contacts(aside, contacts.mask, aside.positions(motion) + 0.05)
+    motion, contacts = all_active()
     firm = eqx.tree_at(lambda w: w.limits, WEIGHTS, 1e3)
     soft, _ = solve(motion, contacts, limits_of(), weights=firm, tolerance=1e-8, max_steps=500)
     hard, report = solve(
@@ -252,13 +254,17 @@ def test_rotating_and_moving_the_world_moves_the_answer():
 
 
 @pytest.mark.slow
-def test_derivatives_in_motion_targets_limits_floor_and_weights():
-    given, rng, eps = givens(*case()), np.random.default_rng(0), 1e-6
+@pytest.mark.parametrize(
+    "scene",
+    [all_active, pytest.param(case, marks=pytest.mark.sweep)],  # with a joint by itself
+)
+def test_derivatives_in_motion_targets_limits_floor_and_weights(scene):
+    given, rng, eps = givens(*scene()), np.random.default_rng(0), 1e-6
     tangent, cotangent = jax.tree.map(lambda x: jnp.asarray(rng.standard_normal(x.shape)), zeros())
 
     def moved(h):
         (motion, report), forward, slopes = everything(
-            jax.tree.map(lambda x, v: x + h * v, given, tangent), tangent, cotangent
+            scene, jax.tree.map(lambda x, v: x + h * v, given, tangent), tangent, cotangent
         )
         return smooth(motion, report), forward, slopes
 
