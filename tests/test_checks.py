@@ -372,11 +372,17 @@ _WHOLE = {
     "stylize": lambda m: stylize(m, 1.5),
     "geodesic": _geodesic,
 }
-_whole = pytest.mark.parametrize("name", _WHOLE)
+
+
+def _whole(rare):
+    """Every one of them, the rare where a sweep is asked for."""
+    return pytest.mark.parametrize(
+        "name", [pytest.param(x, marks=pytest.mark.sweep if x in rare else ()) for x in _WHOLE]
+    )
 
 
 @pytest.mark.slow
-@_whole
+@_whole(rare=("geodesic", "decompose"))  # its checks are met below; stylize decomposes
 def test_a_bad_clip_names_itself_and_leaves_the_others_alone(name):
     f = eqx.filter_jit(jax.vmap(_WHOLE[name]))
     clips = [clip(seed) for seed in range(3)]
@@ -396,7 +402,7 @@ def test_a_bad_clip_names_itself_and_leaves_the_others_alone(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dtype", [pytest.param(np.float32, marks=pytest.mark.sweep), np.float64])
-@_whole
+@_whole(rare=("decompose",))  # denoise and stylize do
 def test_programs_without_callbacks_are_exported(name, dtype):
     motion = clip(dtype=dtype)
 

@@ -222,12 +222,16 @@ def test_lengths_that_share_a_program():
     assert names == []
 
 
-def test_derivatives():
-    motion, style = swaying(11, 12), motion_style(swaying(12, 15))
+@pytest.mark.parametrize(
+    "references",
+    [0, pytest.param(1, marks=pytest.mark.sweep)],  # style/test_transfer.py has theirs
+)
+def test_derivatives(references):
+    motion, styles = swaying(11, 12), [motion_style(swaying(12, 15))][:references]
 
     def numbers(translations, q):
         clip = motion.with_transforms(translations, q)
-        made = jm.augment(clip, KEY, n=2, styles=[style], keep_contacts=False)
+        made = jm.augment(clip, KEY, n=2, styles=styles, keep_contacts=False)
         return made.motions.rotations, made.motions.translations[:, :, 0]
 
     given = jnp.asarray(motion.translations), jnp.asarray(motion.rotations)
@@ -265,6 +269,7 @@ def test_what_is_wrong_is_said():
         jax.jit(lambda m: jm.augment(m, KEY, n=1).motions.rotations)(motion)
 
 
+@pytest.mark.sweep  # walks that are made are varied above
 def test_real_walks(data_dir):
     """Styles of other walks, limits of all: most are sound, and what is, keeps the limits."""
     paths = sorted(data_dir.glob("bandai/walk_*_001.bvh"))

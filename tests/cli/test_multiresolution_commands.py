@@ -148,9 +148,12 @@ def test_keep_contacts(jaxmotion, tmp_path):
     assert "out.npz: 16 frames; feet slid at" in told
     want = kept(blend(walk, walk, walk, 1), walk)
     assert_same_rotation(jm.load(out).rotations, want.rotations, 1e-3)
-    again = shutil.copy(take, tmp_path / "walk2.bvh")
-    jaxmotion("stitch", take, again, "--levels", "1", "--search", "0", *words)
-    found = stitched([walk, walk], 1)
+    parts = tmp_path / "begin.bvh", tmp_path / "end.bvh"  # 16 frames again
+    for path, part in zip(parts, (walk[:8], walk[7:]), strict=True):
+        jm.save(part, path)
+    jaxmotion("stitch", *parts, "--levels", "1", "--search", "0", *words)
+    found = stitched([jm.load(path) for path in parts], 1)
+    assert found.motion.num_frames == 16
     assert_same_rotation(
         jm.load(out).rotations, kept(found.motion, found.end_to_end).rotations, 1e-3
     )

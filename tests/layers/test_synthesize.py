@@ -147,7 +147,11 @@ def test_still_joints_are_denoised_exactly_in_single_precision():
 
 
 @pytest.mark.parametrize(
-    ("name", "most"), [("bandai/punch_normal_002.bvh", 0.65), ("cmu/02_07.amc", 1.0)]
+    ("name", "most"),
+    [
+        ("bandai/punch_normal_002.bvh", 0.65),
+        pytest.param("cmu/02_07.amc", 1.0, marks=pytest.mark.sweep),
+    ],
 )
 def test_real_clips_are_denoised_better_than_by_the_best_butterworth_filter(data_dir, name, most):
     """Noise of 0.06 rad an axis, and mean joint position errors: against the zero-phase filter

@@ -182,7 +182,17 @@ def test_vectors_made_again_pass_what_they_are_made_of_its_derivative():
         check_gradients(lambda u, v, f=again: f(q, u, v, 0.3), u, v)
 
 
-def test_second_derivatives_also_through_loops():
+SECOND = {
+    "forward of reverse": jax.hessian,
+    "reverse of forward": lambda f: jax.grad(lambda x: jax.jvp(f, (x,), (1.0,))[1]),
+    "forward of forward": lambda f: jax.jacfwd(jax.jacfwd(f)),
+    "reverse of reverse": lambda f: jax.grad(jax.grad(f)),
+}
+_RARE = [pytest.param(name, marks=pytest.mark.sweep) for name in list(SECOND)[2:]]
+
+
+@pytest.mark.parametrize("way", [*list(SECOND)[:2], *_RARE])
+def test_second_derivatives_also_through_loops(way):
     rng = np.random.default_rng(8)
     q, v = random_quaternions(rng, (5, 2)), 0.4 * random_vectors(rng, (5, 2))
     other = random_quaternions(rng, (5, 2))
@@ -203,13 +213,7 @@ def test_second_derivatives_also_through_loops():
 
     first = jax.jit(jax.grad(loss))
     want = (first(1.0 + 1e-5) - first(1.0 - 1e-5)) / 2e-5
-    for second in (
-        jax.hessian(loss),
-        jax.jacfwd(jax.jacfwd(loss)),
-        jax.grad(jax.grad(loss)),
-        jax.grad(lambda size: jax.jvp(loss, (size,), (1.0,))[1]),
-    ):
-        np.testing.assert_allclose(jax.jit(second)(1.0), want, rtol=1e-6)
+    np.testing.assert_allclose(jax.jit(SECOND[way](loss))(1.0), want, rtol=1e-6)
 
 
 def test_steps_beyond_the_frames_that_count_are_zero_and_pass_nothing():

@@ -156,7 +156,7 @@ def test_derivatives_by_poses_and_times(frames, levels):
     check_gradients(edit, clip.rotations, times, eps=1e-6)
 
 
-@pytest.mark.parametrize("uneven", [False, True])
+@pytest.mark.parametrize("uneven", [pytest.param(False, marks=pytest.mark.sweep), True])
 def test_long_clips_with_frames_to_spare(uneven):
     long, count = swaying(330, joints=2), 301
     times = jnp.asarray(np.cumsum(np.random.default_rng(12).uniform(0.5, 1.5, 330)))

@@ -92,7 +92,10 @@ def dense_minimum(
         (1, "huber", {}),
         (2, "cauchy", {"weights": np.array([1.0, 0.0, 2.0, 1.0, 1.0, 1.0, 0.5, 1.0])}),
         (1, "l2", {"index": np.array([0, 3, 4, 9]), "num_frames": 11}),
-        (2, "l2", {"index": np.array([0.0, 2.5, 4.25, 8.7]), "num_frames": 10}),
+        pytest.param(
+            *(2, "l2", {"index": np.array([0.0, 2.5, 4.25, 8.7]), "num_frames": 10}),
+            marks=pytest.mark.sweep,  # the last has an index too
+        ),
         (1, "l2", {"stiffness": FIRM[:8, 0]}),
         (
             2,
@@ -325,7 +328,7 @@ def test_derivatives_forward_reverse_and_finite_differences():
     np.testing.assert_allclose(reverse(jnp.array(0.0)), numeric, rtol=1e-6)
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.sweep)])  # 2 is above
 def test_gradient_in_lam_sigma_and_the_stiffness_of_every_frame(order):
     q = jnp.asarray(clip(7, 2))
     target = jnp.asarray(np.random.default_rng(4).standard_normal((7, 2, 4)))

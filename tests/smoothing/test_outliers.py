@@ -137,6 +137,7 @@ def test_padding_does_not_matter():
     np.testing.assert_array_equal(w[81:], 0)
 
 
+@pytest.mark.parametrize("dtype", [np.float32, pytest.param(np.float64, marks=pytest.mark.sweep)])
 @pytest.mark.parametrize("frames", [1, 2])
 def test_what_no_other_sample_contradicts_is_trusted(frames, dtype):
     """A line goes through any two samples: whatever rounding leaves of them is no error."""

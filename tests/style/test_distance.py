@@ -51,6 +51,13 @@ def test_its_own_style_is_no_distance_away():
     assert jnp.isfinite(slope).all()
 
 
+def test_single_precision_stays():
+    motion, other = (swaying(seed).astype(np.float32) for seed in (0, 1))
+    found = style_distance(motion, motion_style(other))
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, style_distance(swaying(0), motion_style(swaying(1))), 1e-4)
+
+
 def test_derivatives():
     motion, style = swaying(3, frames=12), motion_style(swaying(4), mean="karcher")
 

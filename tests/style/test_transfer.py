@@ -1,6 +1,7 @@
 """Style transfer: against the paper in plain NumPy, and what must hold whatever the clips."""
 
 import functools
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -163,8 +164,14 @@ def test_still_bodies_have_finite_derivatives(deviation):
             assert jnp.isfinite(x).all()
 
 
-@pytest.mark.parametrize("deviation", ["scalar", "covariance"])
-@pytest.mark.parametrize("warp", ["shared", "per_channel", None])
+_ITSELF = itertools.product(("scalar", "covariance"), ("shared", "per_channel", None))
+_QUICK = ("scalar", "shared"), ("scalar", None), ("covariance", "per_channel")
+
+
+@pytest.mark.parametrize(
+    ("deviation", "warp"),
+    [pytest.param(*x, marks=() if x in _QUICK else pytest.mark.sweep) for x in _ITSELF],
+)
 def test_itself_is_itself(deviation, warp):
     motion = swaying(11)
     result = transfer(motion, motion, deviation=deviation, warp=warp)
@@ -285,7 +292,10 @@ def test_joints_in_another_order():
     )
 
 
-@pytest.mark.parametrize("sizes", [(1, 40), (40, 1), (1, 1), (2, 3), (30, 600), (600, 30)])
+_RARE = [pytest.param(sizes, marks=pytest.mark.sweep) for sizes in ((40, 1), (600, 30))]
+
+
+@pytest.mark.parametrize("sizes", [(1, 40), (1, 1), (2, 3), (30, 600), *_RARE])
 def test_any_lengths(sizes):
     source, reference = swaying(26, sizes[0]), swaying(27, sizes[1])
     result = transfer(source, reference).motion
