@@ -44,9 +44,10 @@ class When(click.ParamType):
 @dataclass(frozen=True)
 class Timing:
     """What was asked for: ``warp`` are options of ``time_warp``, ``rate`` of ``resample``, empty
-    where nothing was; ``method``: of both."""
+    where nothing was; ``speed``: of the whole clip, 1 its own; ``method``: of both."""
 
     warp: dict[str, Any]
+    speed: float | None
     keep_duration: bool
     rate: dict[str, Any]
     method: Any
@@ -61,6 +62,9 @@ class Timing:
     "frames",
     type=click.IntRange(1),
     help="Number of frames, over the same duration.",
+)
+@click.option(
+    "--speed", type=_POSITIVE, help="Speed of the whole clip: 0.8 plays it a quarter longer."
 )
 @click.option(
     "--amount",
@@ -94,6 +98,7 @@ def command(
     running: Running,
     to_fps: float | None,
     frames: int | None,
+    speed: float | None,
     slow: float | None,
     pairs: tuple[tuple[float, float], ...],
     ease_in: float,
@@ -109,6 +114,7 @@ def command(
 
     \b
     jaxmotion retime take.bvh -o film.bvh --to-fps 24
+    jaxmotion retime take.bvh -o slower.bvh --speed 0.8
     jaxmotion retime takes -o slow --slow 0.25 --ease-out 0.5
     jaxmotion retime kick.bvh -o hit.bvh --at 0.8=1.0 --at 1.1=2.5
     """
@@ -117,24 +123,27 @@ def command(
 
     if to_fps is not None and frames is not None:
         raise click.UsageError("--to-fps and --frames both set the rate; give one of them")
-    if slow is not None and pairs:
-        raise click.UsageError("--slow and --at both set the timing; give one of them")
+    if (speed is not None) + (slow is not None) + bool(pairs) > 1:
+        raise click.UsageError("--speed, --slow and --at all set the timing; give one of them")
     marks = [(0.0, 0.0), *(pairs[1:] if pairs[:1] == ((0.0, 0.0),) else pairs)]
     for (a, b), (c, d) in itertools.pairwise(marks):
         if c <= a or d <= b:
             told = f"{c:g}={d:g} does not come after {a:g}={b:g}"
             raise click.UsageError(f"--at must increase on both sides, from 0; {told}")
     warp, rate = {}, {}
-    if slow is not None or pairs or ease_in or ease_out:
+    if speed is not None or slow is not None or pairs or ease_in or ease_out:
         ease = (ease_in, ease_out)
         warp = {"amount": slow, "pairs": pairs or None, "ease": ease}
     elif keep_duration:
-        raise click.UsageError("--keep-duration goes with --slow, --at, --ease-in or --ease-out")
+        raise click.UsageError(
+            "--keep-duration goes with --speed, --slow, --at, --ease-in or --ease-out"
+        )
     if to_fps is not None or frames is not None:
         rate = {"fps": to_fps, "num_frames": frames}
     if not warp and not rate:
-        raise click.UsageError("say what: --to-fps 24, --frames 300, --slow 0.25 or --at 1=1.5")
-    timing = Timing(warp, keep_duration, rate, method)
+        asked = "--to-fps 24, --frames 300, --speed 0.8, --slow 0.25 or --at 1=1.5"
+        raise click.UsageError(f"say what: {asked}")
+    timing = Timing(warp, speed, keep_duration, rate, method)
     jobs = _files.plan(_files.expand(batch.files, avoid=batch.out), batch.out)
     run(partial(_retime, batch, timing, keep_contacts), jobs, batch, running)
 
@@ -165,8 +174,11 @@ def edit(motion: "Motion", timing: Timing) -> "tuple[Motion, ArrayLike]":
     result, at = motion, np.arange(motion.num_frames)
     if timing.warp:
         frames = motion.num_frames if timing.keep_duration else None
-        result = jm.time_warp(motion, num_frames=frames, method=timing.method, **timing.warp)
-        at = warped_frames(motion, num_frames=frames, **timing.warp)
+        warp, end = timing.warp, float(motion.times[-1])
+        if timing.speed is not None and end:
+            warp = warp | {"pairs": ((end, end / timing.speed),)}
+        result = jm.time_warp(motion, num_frames=frames, method=timing.method, **warp)
+        at = warped_frames(motion, num_frames=frames, **warp)
     if timing.rate:
         of_result, _ = resampled_frames(result, **timing.rate)
         at = np.interp(of_result, np.arange(result.num_frames), at)

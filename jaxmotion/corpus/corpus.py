@@ -58,8 +58,8 @@ class Corpus(StoredClips):
 
     **Arguments:**
 
-    - ``clips``: a folder, of which all motion files are taken, and those of folders below it; or
-      files and motions, in a list, or in a dictionary by name.
+    - ``clips``: a folder, of which all motion files are taken, and those of folders below it; a
+      pattern (``"takes/*.bvh"``); or files and motions, in a list, or in a dictionary by name.
     - ``fps``: frames a second of the corpus; clips at another rate are resampled
       (:func:`jaxmotion.resample`, without smoothing), those at it to a rounding stay as they are.
       By default that of the first clip, which all must have.

@@ -4,6 +4,7 @@ The identity tells whether a clip is still the one that was cached: of a file it
 time of change, and those of the files that are read with it; of a motion a hash of what it holds.
 """
 
+import glob
 import hashlib
 import os
 from collections.abc import Iterable, Mapping
@@ -16,6 +17,7 @@ import numpy as np
 
 from jaxmotion._entry import one_clip
 from jaxmotion._plain import quoted
+from jaxmotion.corpus import places
 from jaxmotion.io import formats, load
 from jaxmotion.io.formats import Up
 from jaxmotion.motion import Motion
@@ -89,7 +91,7 @@ def inputs_of(clips: Clips) -> list[Input]:
     """The clips, each with a name.
 
     **Raises:** ``ValueError`` for none, a folder without motion files, and what is neither a file
-    nor one clip; ``OSError`` for what is not there.
+    nor one clip; ``OSError`` for what is not there, a pattern of no motion file too.
     """
     if isinstance(clips, Motion):
         clips = [clips]
@@ -117,9 +119,10 @@ def inputs_of(clips: Clips) -> list[Input]:
 
 
 def _files_at(path: Path) -> list[Path]:
-    """The motion files of a folder and of those below it, or a file."""
+    """The motion files of a folder and of those below it, or of a pattern; or a file."""
     if not path.is_dir():
-        return [path]
+        pattern = glob.has_magic(str(path)) and not path.exists()
+        return [Path(item.name) for item in places.found([path])] if pattern else [path]
     found = sorted(x for x in path.rglob("*") if x.is_file() and formats.may_hold_a_motion(x))
     if not found:
         raise ValueError(f"Corpus: no motion file in the folder {quoted(str(path))}")

@@ -68,6 +68,8 @@ def matched(motion: Motion, skeleton: Skeleton, may_drop: frozenset[str] | None)
     that hang from others, and another up axis or unit of length.
     """
     own = motion.skeleton
+    if own.names != skeleton.names:  # before what else may differ: it tells most
+        _same_joints(own.names, skeleton.names, may_drop)
     for what, hint in (("up", "jaxmotion.reorient turns it"), ("length_unit", "scale it first")):
         if getattr(own, what) != getattr(skeleton, what):
             raise ValueError(
@@ -78,7 +80,6 @@ def matched(motion: Motion, skeleton: Skeleton, may_drop: frozenset[str] | None)
     if own.names == skeleton.names and own.parents == skeleton.parents:
         return Matched(t, q, offsets, _ends(own, ends, skeleton), motion.translated_joints)
     places = {name: j for j, name in enumerate(own.names)}
-    _same_joints(own.names, skeleton.names, may_drop)
     kept = [places[name] for name in skeleton.names]
     new_t, new_q, rest = t[:, kept], q[:, kept], offsets[kept]
     translated = {k for k, j in enumerate(kept) if j in motion.translated_joints}

@@ -39,6 +39,11 @@ def test_retime_warps_time(jaxmotion, take, tmp_path):
     jaxmotion(*words, "--at", "0.5=0.8", "--at", "1=1.2", "--to-fps", "60")
     warped = jm.time_warp(motion, pairs=[(0.5, 0.8), (1, 1.2)])
     assert_same_clip(jm.load(out), jm.resample(warped, fps=60))
+    jaxmotion(*words, "--speed", "0.75")
+    slow = jm.load(out)
+    assert (slow.num_frames, slow.fps) == (53, motion.fps)
+    third = jm.resample(motion, num_frames=4 * 39 + 1)
+    np.testing.assert_allclose(slow.rotations, third.rotations[::3], atol=2e-3)
 
 
 def test_retime_goes_through_folders_and_tells_of_failures(jaxmotion, tmp_path):
@@ -66,7 +71,9 @@ def test_retime_goes_through_folders_and_tells_of_failures(jaxmotion, tmp_path):
     [
         ((), "say what"),
         (("--to-fps", "24", "--frames", "3"), "both set the rate"),
-        (("--slow", "1", "--at", "1=2"), "both set the timing"),
+        (("--slow", "1", "--at", "1=2"), "all set the timing"),
+        (("--speed", "2", "--at", "1=2"), "all set the timing"),
+        (("--speed", "0"), "0"),
         (("--keep-duration",), "--keep-duration goes with"),
         (("--at", "1:2"), "not of the form '1.5=2.0'"),
         (("--at", "1=2", "--at", "0.5=3"), "0.5=3 does not come after 1=2"),

@@ -113,6 +113,9 @@ def test_what_does_not_fit_is_told():
     short = body(NAMES[:4], PARENTS[:4])
     with pytest.raises(ValueError, match="no joint is called 'Arm', nor 1 more of the corpus's"):
         matched(short, skeleton, None)
+    other = jm.Skeleton(["A", "B"], [-1, 0], np.ones((2, 3)), length_unit=2.0)
+    with pytest.raises(ValueError, match="joint"):  # not that it is in another unit
+        matched(body(), other, None)
     with pytest.raises(ValueError, match="joints that the corpus's skeleton lacks: 'Arm', 'Leg'; "):
         matched(body(), short.skeleton, frozenset())
     with pytest.raises(ValueError, match="'Arm' hangs from 'Spine', in the corpus from 'Chest'"):

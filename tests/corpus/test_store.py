@@ -298,6 +298,15 @@ def test_what_clips_may_be():
         Corpus(["nowhere.bvh"])
 
 
+def test_a_pattern_takes_files_of_a_folder(tmp_path):
+    for k, name in enumerate(("b.bvh", "a.bvh", "c.npz")):
+        jm.save(next(iter(several((4 + k,)).values())), tmp_path / name)
+    assert list(Corpus(f"{tmp_path}/*.bvh").lengths) == [5, 4]
+    assert list(Corpus(tmp_path / "*.npz").lengths) == [6]
+    with pytest.raises(FileNotFoundError, match="no motion file"):
+        Corpus(f"{tmp_path}/*.amc")
+
+
 def test_a_folder_without_clips_is_told(tmp_path):
     (tmp_path / "notes.txt").write_text("none")
     with pytest.raises(ValueError, match="no motion file in the folder"):
