@@ -3,6 +3,7 @@
     a_motion       that it is a Motion, with any batch axes in front
     one_clip       and no batch: f[T, J, 3], f[T, J, 4]
     finite_clip    and finite numbers, where one that is not would spoil joints and frames beside it
+    for_people     a Motion of known numbers, for what tells people of it
     check_result   two clips of one shape, as it was and as it is now, that are known
     skeleton_of    a skeleton, or that of a motion
 
@@ -38,6 +39,18 @@ def a_motion(caller: str, motion: Any, name: str = "motion") -> None:
     elif hasattr(motion, "shape"):
         hint = "jaxmotion.Motion(skeleton, translations, rotations, frame_time)"
     instance_of(f"{caller}: {name}", motion, Motion, f"a jaxmotion.Motion ({hint})")
+
+
+def for_people(caller: str, motion: Any, name: str = "motion") -> None:
+    """``ValueError`` unless ``motion`` is one; ``TypeError`` if it is traced, for what is worked out
+    by NumPy."""
+    a_motion(caller, motion, name)
+    if traced(motion):
+        raise TypeError(
+            f"{caller}: NumPy measures it, which is not for jit, vmap or grad; call it on what they "
+            "return. In a loss, jaxmotion.forward_kinematics and ContactPoints.positions say where "
+            "joints and feet are"
+        )
 
 
 def one_clip(caller: str, motion: Motion, name: str = "motion", *, on_host: bool = False) -> None:

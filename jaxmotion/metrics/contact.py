@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jaxmotion._checks import no_module
-from jaxmotion._entry import a_motion, one_clip
+from jaxmotion._entry import for_people, one_clip
 from jaxmotion._summary import line
 from jaxmotion._types import ArrayLike
 from jaxmotion.contacts import ContactPoints, Contacts
@@ -46,6 +46,7 @@ def slides(motion: Motion, contacts: Contacts) -> Float[np.ndarray, "step point"
     **Returns:** f64[T − 1, C], file unit; 0 where a point is not in contact in both frames.
     **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
+    for_people("slides", motion)
     check_frames(motion, contacts, "slides", on_host=True)
     return _slides(motion, contacts)
 
@@ -63,6 +64,7 @@ def foot_skate(motion: Motion, contacts: Contacts) -> float:
     **Returns:** a float, file unit a second.
     **Raises:** ``ValueError`` when the contacts have another number of frames.
     """
+    for_people("foot_skate", motion)
     check_frames(motion, contacts, "foot_skate", on_host=True)
     mask = np.asarray(contacts.mask)
     seconds = np.sum(mask[1:] & mask[:-1]) * float(motion.frame_time)
@@ -79,6 +81,7 @@ def penetration(
     **Returns:** f64[T, C] ≥ 0, file unit.
     **Raises:** ``ValueError`` for what is not one clip and points.
     """
+    for_people("penetration", motion)
     one_clip("penetration", motion, on_host=True)
     check_points(points, "penetration")
     positions = np.asarray(points.positions(motion), np.float64)
@@ -116,7 +119,7 @@ def jerk(motion: Motion) -> Float[np.ndarray, "*batch step joint"]:
     **Returns:** f64[T − 3, J], file unit / s³; no rows for fewer than four frames.
     **Raises:** ``ValueError`` for what is no motion.
     """
-    a_motion("jerk", motion)
+    for_people("jerk", motion)
     positions = world_positions(motion)[..., : motion.num_joints, :]
     seconds = np.asarray(motion.frame_time, np.float64)[..., None, None]
     return np.linalg.norm(np.diff(positions, n=3, axis=-3), axis=-1) / seconds**3
@@ -133,8 +136,8 @@ def joint_position_error(
     **Returns:** f64[T, J], file unit.
     **Raises:** ``ValueError`` for what is no motion, or when the shapes differ.
     """
-    a_motion("joint_position_error", motion)
-    a_motion("joint_position_error", reference, "reference")
+    for_people("joint_position_error", motion)
+    for_people("joint_position_error", reference, "reference")
     if motion.rotations.shape != reference.rotations.shape:
         raise ValueError(
             f"joint_position_error: the clips have shapes {motion.rotations.shape} and "

@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float
 
 from jaxmotion._asf_bone import AsfBone
 from jaxmotion._checks import no_module
-from jaxmotion._entry import a_motion, one_clip, skeleton_of
+from jaxmotion._entry import for_people, one_clip, skeleton_of
 from jaxmotion._summary import brief, called, line
 from jaxmotion._types import ArrayLike
 from jaxmotion.kinematics import forward_kinematics
@@ -111,7 +111,7 @@ def rotation_rates(motion: Motion) -> Float[np.ndarray, "*batch step joint"]:
     **Returns:** f64[T − 1, J], radians a second.
     **Raises:** ``ValueError`` for what is no motion.
     """
-    a_motion("rotation_rates", motion)
+    for_people("rotation_rates", motion)
     q = np.asarray(motion.rotations)
     return turn(q[..., 1:, :, :], q[..., :-1, :, :]) / _seconds(motion)
 
@@ -126,7 +126,7 @@ def sign_flips(motion: Motion) -> Bool[np.ndarray, "*batch step joint"]:
     **Returns:** bool[T − 1, J].
     **Raises:** ``ValueError`` for what is no motion.
     """
-    a_motion("sign_flips", motion)
+    for_people("sign_flips", motion)
     q = np.asarray(motion.rotations, np.float64)
     return np.sum(q[..., 1:, :, :] * q[..., :-1, :, :], axis=-1) < 0
 
@@ -140,7 +140,7 @@ def bend(motion: Motion) -> Float[np.ndarray, "*batch inner joint"]:
     **Returns:** f64[T − 2, J], radians; no rows for fewer than three frames.
     **Raises:** ``ValueError`` for what is no motion.
     """
-    a_motion("bend", motion)
+    for_people("bend", motion)
     q = np.asarray(motion.rotations, np.float64)
     before, after = q[..., :-2, :, :], q[..., 2:, :, :]
     same = np.sum(before * after, axis=-1, keepdims=True) >= 0
@@ -156,7 +156,7 @@ def root_bend(motion: Motion) -> Float[np.ndarray, "*batch inner"]:
     **Returns:** f64[T − 2], file unit; empty for fewer than three frames.
     **Raises:** ``ValueError`` for what is no motion.
     """
-    a_motion("root_bend", motion)
+    for_people("root_bend", motion)
     p = body_positions(motion, motion.body_joint)
     middle = 0.5 * (p[..., :-2, :] + p[..., 2:, :])
     return np.linalg.norm(p[..., 1:-1, :] - middle, axis=-1)
@@ -171,7 +171,7 @@ def duplicate_frames(motion: Motion) -> Bool[np.ndarray, "*batch time"]:
     **Returns:** bool[T], the first False.
     **Raises:** ``ValueError`` for what is no motion.
     """
-    a_motion("duplicate_frames", motion)
+    for_people("duplicate_frames", motion)
     q, p = np.asarray(motion.rotations), np.asarray(motion.translations, np.float64)
     angle = turn(q[..., 1:, :, :], q[..., :-1, :, :]).max(axis=-1, initial=0.0)
     shift = np.abs(np.diff(p, axis=-3)).max(axis=(-2, -1), initial=0.0)
@@ -189,7 +189,7 @@ def gimbal_margin(motion: Motion) -> Float[np.ndarray, "*batch time joint"]:
     **Returns:** f64[T, J], radians.
     **Raises:** ``ValueError`` for what is no motion.
     """
-    a_motion("gimbal_margin", motion)
+    for_people("gimbal_margin", motion)
     q = np.asarray(motion.rotations, np.float64)
     margin = np.full(q.shape[:-1], np.inf)
     for j in range(motion.num_joints):
@@ -225,7 +225,7 @@ def world_positions(motion: Motion) -> Float[np.ndarray, "*batch time point 3"]:
     **Returns:** f64[T, J + E, 3], file unit.
     **Raises:** ``ValueError`` for what is no motion.
     """
-    a_motion("world_positions", motion)
+    for_people("world_positions", motion)
     translations, rotations = np.asarray(motion.translations), np.asarray(motion.rotations)
     pieces = []
     for start in range(0, motion.num_frames, _BLOCK):

@@ -86,3 +86,15 @@ def test_errors_name_the_measure_that_was_called():
         name = f"{measure.__name__}: contacts have 9 frames, the motion 4"
         with no_shape_checks(), pytest.raises(ValueError, match=name):
             measure(motion[:4], contacts)
+
+
+@pytest.mark.parametrize("name", ["foot_skate", "slides", "jerk", "joint_position_error", "bend"])
+def test_what_numpy_measures_is_not_traced(name):
+    motion = random_motion(np.random.default_rng(0), 9, 5)
+    points = ContactPoints(motion.skeleton, [2], np.zeros((1, 3)))
+    standing = Contacts(points, np.ones((9, 1), bool), np.zeros((9, 1, 3)))
+    others = {"joint_position_error": motion, "foot_skate": standing, "slides": standing}
+    others = [others[name]] if name in others else []
+    measure = getattr(jm.metrics, name)
+    with pytest.raises(TypeError, match=f"{name}: NumPy measures it, .* forward_kinematics"):
+        jax.jit(lambda motion: measure(motion, *others))(motion)
