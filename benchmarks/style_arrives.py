@@ -41,7 +41,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.spatial.transform import Rotation
 
 import jaxmotion as jm
-from jaxmotion._posture import body_of, upright
+from jaxmotion._posture import upright
 from jaxmotion.style.root import encode
 
 FRAMES = 128
@@ -57,7 +57,7 @@ def features(motion, seconds=1.0):
     pose = jm.forward_kinematics(motion)
     stands = upright(motion)
     channels, _ = encode(motion, stands)
-    body = body_of(motion)
+    body = motion.body_joint
     forward = np.asarray(jm.facing_direction(motion), float)
     angle = np.arctan2(forward[:, 0], forward[:, 2])
     place = np.asarray(pose.positions, float)
@@ -99,7 +99,7 @@ class Nearest:
 def own_path(source, reference, rotations):
     """Other rotations below the body, which goes as ours does."""
     ours = jm.style.transfer_style(source, reference, keep_contacts=False).motion
-    q, body = np.array(ours.rotations), body_of(source)
+    q, body = np.array(ours.rotations), source.body_joint
     q[:, body + 1 :] = rotations[:, body + 1 :]
     return ours.with_transforms(rotations=q)
 

@@ -16,7 +16,6 @@ import numpy as np
 import remade
 
 import jaxmotion as jm
-from jaxmotion._posture import body_of
 from jaxmotion.cleaning.body import as_lean
 from jaxmotion.cleaning.turns import between
 from jaxmotion.cleaning.words import word_starts
@@ -71,7 +70,7 @@ def _at_rate(name: str) -> tuple[jm.Motion, np.ndarray, np.ndarray]:
     """A take, its rotations without yaw and its translations, at 24 frames a second."""
     take = remade.capture(name)
     lean, place = as_lean(take), np.array(take.translations)
-    place[:, body_of(take), [0, 2]] = 0
+    place[:, take.body_joint, [0, 2]] = 0
     at = np.arange(0, take.num_frames - 1, float(take.fps) / FPS)
     before, way = at.astype(int), at % 1
     ways = np.broadcast_to(way[:, None], (len(at), take.num_joints))

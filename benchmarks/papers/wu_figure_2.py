@@ -26,7 +26,6 @@ import numpy as np
 import remade
 
 import jaxmotion as jm
-from jaxmotion._posture import body_of
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 import style_arrives
@@ -101,7 +100,7 @@ def compared(source, reference):
 
 def roughness(motion):
     """Radians/s², the greatest of all joints below the body."""
-    q = np.asarray(motion.rotations, float)[:, body_of(motion) + 1 :]
+    q = np.asarray(motion.rotations, float)[:, motion.body_joint + 1 :]
     steps = np.asarray(jm.quaternion.log(jm.quaternion.between(q[:-1], q[1:])))
     rates = steps * float(motion.fps)
     return np.linalg.norm(np.diff(rates, axis=0), axis=-1).max() * float(motion.fps)
