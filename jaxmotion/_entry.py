@@ -42,14 +42,14 @@ def a_motion(caller: str, motion: Any, name: str = "motion") -> None:
 
 
 def for_people(caller: str, motion: Any, name: str = "motion") -> None:
-    """``ValueError`` unless ``motion`` is one; ``TypeError`` if it is traced, for what is worked out
-    by NumPy."""
+    """``ValueError`` unless ``motion`` is one; ``TypeError`` if it is traced, for what is worked
+    out by NumPy."""
     a_motion(caller, motion, name)
     if traced(motion):
         raise TypeError(
-            f"{caller}: NumPy measures it, which is not for jit, vmap or grad; call it on what they "
-            "return. In a loss, jaxmotion.forward_kinematics and ContactPoints.positions say where "
-            "joints and feet are"
+            f"{caller}: NumPy measures it, which is not for jit, vmap or grad; call it on what "
+            "they return. In a loss, jaxmotion.forward_kinematics and ContactPoints.positions say "
+            "where joints and feet are"
         )
 
 

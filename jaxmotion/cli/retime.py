@@ -174,9 +174,9 @@ def edit(motion: "Motion", timing: Timing) -> "tuple[Motion, ArrayLike]":
     result, at = motion, np.arange(motion.num_frames)
     if timing.warp:
         frames = motion.num_frames if timing.keep_duration else None
-        warp, end = timing.warp, float(motion.times[-1])
+        warp, end = dict(timing.warp), float(motion.times[-1])
         if timing.speed is not None and end:
-            warp = warp | {"pairs": ((end, end / timing.speed),)}
+            warp["pairs"] = ((end, end / timing.speed),)
         result = jm.time_warp(motion, num_frames=frames, method=timing.method, **warp)
         at = warped_frames(motion, num_frames=frames, **warp)
     if timing.rate:

@@ -45,6 +45,7 @@ _MEAN = 128  # clips a shard
 _MOST = 512
 _MOST_BYTES = 64 << 20  # of files
 _OPEN = 256  # shards at once
+_TRIES = 3  # to read what was just written, where others empty the folder
 _ALIKE = 1e-4  # of a frame time: what files round
 
 
@@ -209,13 +210,20 @@ class Store:
                     f"Corpus: {quoted(source.name, 200)} has changed since the corpus was made; "
                     "make it again"
                 )
+        for _ in range(_TRIES):
+            self._write(group, rows)
+            with suppress(FileNotFoundError):  # whoever empties the cache was faster
+                return Shard(self.files[group])
+        self._write(group, rows)
+        return Shard(self.files[group])
+
+    def _write(self, group: int, rows: list[Row]) -> None:
         skeleton = self.settings.skeleton
         self.folder.mkdir(parents=True, exist_ok=True)  # whoever emptied the cache
         with atomic_write(self.files[group]) as file:
             write_shard(
                 file, rows, skeleton.num_joints, len(skeleton.end_joints), self.settings.dtype
             )
-        return Shard(self.files[group])
 
     def _row(self, source: Input) -> Row:
         wanted = self.settings

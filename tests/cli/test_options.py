@@ -108,7 +108,7 @@ CALLS = {
     "repair": ((cleaning.repair,), {"detect-only", "keep-contacts"}),
     "retime": (
         (layers.time_warp, timing.resample),
-        {"to-fps", "ease-in", "ease-out", "keep-duration"},
+        {"to-fps", "speed", "ease-in", "ease-out", "keep-duration"},
     ),
     "stitch": ((multiresolution.stitch,), set()),
     "style": ((layers.stylize,), {"gain"}),

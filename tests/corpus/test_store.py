@@ -151,7 +151,7 @@ def test_a_damaged_shard_is_made_again(files, cache, how):
     else:
         path.write_bytes({"cut": whole[:-64], "emptied": b"", "other": b"x" * 500}[how])
     again = Corpus(files, cache=cache)
-    assert_same_clip(again[0], jm.load(files / "take 0.npz"))
+    assert_same_clip(again[0], jm.load(min(files.iterdir())))
     assert path.read_bytes() == whole
     assert len(again.lengths) == 5
 
@@ -161,7 +161,7 @@ def test_what_is_damaged_and_cannot_be_made_again_is_said(files, cache):
     corpus.build()
     sent = pickle.dumps(corpus)
     damage(corpus._view.store.files[0], first_row(corpus._view.store.files[0]))
-    (files / "take 0.npz").unlink()
+    (next(iter(sorted(files.iterdir())))).unlink()
     with pytest.raises(
         ValueError, match=r"damaged in clip 0, take 0, and cannot be made again: .*t"
     ):
@@ -197,7 +197,7 @@ def test_clips_that_cannot_be_used(files, cache):
     with pytest.raises(ValueError, match="none of the clips can be used"):
         Corpus([files / "take 1.npz"], on_error="skip")
     with pytest.warns(UserWarning, match="1 clip of 2 left out"):
-        Corpus([files / "take 1.npz", files / "take 0.npz"], on_error="skip")
+        Corpus([files / "take 1.npz", next(iter(sorted(files.iterdir())))], on_error="skip")
 
 
 def test_a_temporary_folder_goes_with_the_last_that_uses_it():
@@ -296,6 +296,22 @@ def test_what_clips_may_be():
             Corpus(clips)
     with pytest.raises(OSError, match="nowhere"):
         Corpus(["nowhere.bvh"])
+
+
+def test_a_folder_that_is_emptied_meanwhile(files, tmp_path, monkeypatch):
+    """What was written is gone before it is read: it is written again."""
+    corpus, calls = Corpus(files, cache=tmp_path / "cache"), []
+    write = store.Store._write
+
+    def writes(self, group, rows):
+        write(self, group, rows)
+        calls.append(group)
+        if len(calls) < 3:
+            self.files[group].unlink()
+
+    monkeypatch.setattr(store.Store, "_write", writes)
+    assert_same_clip(corpus[0], jm.load(min(files.iterdir())))
+    assert calls == [0, 0, 0]
 
 
 def test_a_pattern_takes_files_of_a_folder(tmp_path):
