@@ -126,15 +126,16 @@ def recorded(files: list[Path], out: Path | None) -> int:
     record = json.loads(out.read_text()) if out.exists() else {"races": {}, "figures": {}}
     record |= {"date": now.isoformat(timespec="seconds"), **surroundings()}
     failed = 0
+    out.parent.mkdir(exist_ok=True)
     for path in files:
         races, figures, code = of_file(path)
         record["races"] |= races
         record["figures"] |= figures
         failed += code not in (0, 5)  # 5: it holds no test
         print(f"{path.name}: {len(races)} races" + (f", exit code {code}" if code else ""))
-    out.parent.mkdir(exist_ok=True)
-    ordered = {key: dict(sorted(record[key].items())) for key in ("races", "figures")}
-    out.write_text(json.dumps(record | ordered, indent=1, ensure_ascii=False) + "\n")
+        # After every file: who stops a long run keeps what is there.
+        ordered = {key: dict(sorted(record[key].items())) for key in ("races", "figures")}
+        out.write_text(json.dumps(record | ordered, indent=1, ensure_ascii=False) + "\n")
     print(f"written to {out}")
     return failed
 
