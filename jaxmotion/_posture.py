@@ -36,6 +36,21 @@ def pose_in_world(
     return position, turned
 
 
+def hung(motion: Motion, body: int, position: Array, turned: Array) -> Motion:
+    """The motion with a joint near the root at f[T, 3] and turned by f[T, 4] in the world; those
+    above it stay."""
+    if body:
+        place, above = pose_in_world(motion, motion.skeleton.parents[body])
+        back = quaternion.conjugate(above)
+        position = quaternion.rotate(back, position - place)
+        turned = quaternion.multiply(back, turned)
+    other = jnp.sum(turned[:1] * motion.rotations[:1, body], axis=-1, keepdims=True) < 0
+    return motion.with_transforms(
+        jnp.asarray(motion.translations).at[:, body].set(position),
+        jnp.asarray(motion.rotations).at[:, body].set(jnp.where(other, -turned, turned)),
+    )
+
+
 class Axes(NamedTuple):
     """Unit vectors f[3] along the ground and up, right-handed."""
 

@@ -32,7 +32,7 @@ from jaxtyping import Array
 from jaxmotion import quaternion, spacetime
 from jaxmotion._checks import instance_of, static, traced
 from jaxmotion._file_facts import compiled
-from jaxmotion._posture import pose_in_world
+from jaxmotion._posture import hung, pose_in_world
 from jaxmotion.contacts import Contacts
 from jaxmotion.contacts.contact import check_kept
 from jaxmotion.displacement import Displacement
@@ -222,17 +222,14 @@ def _follow(first: Motion, second: Motion) -> Motion:
     target = end_place * (1 - axis) + origin * axis
     place = quaternion.rotate(heading, place - origin) + target
     turned = quaternion.multiply(heading, turned)
+    # The joints above, one below the other, stay as the first clip leaves them.
     p, q = jnp.asarray(second.translations), jnp.asarray(second.rotations)
-    if body:  # the joints above it, one below the other, stay as the first clip leaves them
-        p = p.at[:, :body].set(last.translations[:, :body])
-        q = q.at[:, :body].set(last.rotations[:, :body])
-        above, turn = (x[0] for x in pose_in_world(last, body - 1))
-        back = quaternion.conjugate(turn)
-        place = quaternion.rotate(back, place - above)
-        turned = quaternion.multiply(back, turned)
     moving = tuple(sorted({*second.translated_joints, body}))
-    moved = with_moving_joints(second, moving)
-    return moved.with_transforms(p.at[:, body].set(place), q.at[:, body].set(turned))
+    held = with_moving_joints(second, moving).with_transforms(
+        p.at[:, :body].set(last.translations[:, :body]),
+        q.at[:, :body].set(last.rotations[:, :body]),
+    )
+    return hung(held, body, place, turned)
 
 
 def _body_of(first: Motion, second: Motion) -> int:

@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, Int
 
 from jaxmotion import quaternion
 from jaxmotion._numerics import rounding_angle
-from jaxmotion._posture import axes_of, counting, pose_in_world, posture
+from jaxmotion._posture import axes_of, counting, hung, posture
 from jaxmotion._types import AnyArray, Quaternion, Vector3
 from jaxmotion.kinematics import forward_kinematics
 from jaxmotion.motion import Motion
@@ -95,23 +95,9 @@ def decode(
     position = along + (height + start.ground - along @ up)[:, None] * up
     swing = quaternion.exp(lean[0][:, None] * ahead + lean[1][:, None] * aside)
     turned = quaternion.multiply(quaternion.multiply(yaw, swing), shortest_arc(upright, up))
-    moved = _hung(motion, position, turned)
-    return _hung(motion, position + (start.ground - _ground(moved, count)) * up, turned)
-
-
-def _hung(motion: Motion, position: Array, turned: Array) -> Motion:
-    """The motion with its body there, in the world."""
     body = motion.body_joint
-    if body:
-        place, above = pose_in_world(motion, motion.skeleton.parents[body])
-        back = quaternion.conjugate(above)
-        position = quaternion.rotate(back, position - place)
-        turned = quaternion.multiply(back, turned)
-    other = jnp.sum(turned[:1] * motion.rotations[:1, body], axis=-1, keepdims=True) < 0
-    return motion.with_transforms(
-        jnp.asarray(motion.translations).at[:, body].set(position),
-        jnp.asarray(motion.rotations).at[:, body].set(jnp.where(other, -turned, turned)),
-    )
+    moved = hung(motion, body, position, turned)
+    return hung(motion, body, position + (start.ground - _ground(moved, count)) * up, turned)
 
 
 def _ground(motion: Motion, count: Int[Array, ""] | None) -> Float[Array, ""]:
