@@ -1,7 +1,9 @@
 """Test session: float64 on, strict promotion, a compile cache, and where real captures are."""
 
 import gc
+import importlib
 import os
+import sys
 from importlib import metadata
 from pathlib import Path
 
@@ -52,6 +54,19 @@ def data_dir() -> Path:
             pytest.fail(f"JAXMOTION_TEST_DATA={named} is not a folder")
         pytest.skip("no real captures: set JAXMOTION_TEST_DATA to a folder of them")
     return folder
+
+
+@pytest.fixture(scope="module")
+def script():
+    """A script of benchmarks/papers by name; they import each other as when they are run."""
+    folder = Path(__file__).parents[1] / "benchmarks"
+    before = sys.path[:], set(sys.modules)
+    sys.path[:0] = [str(folder / "papers"), str(folder)]
+    yield importlib.import_module
+    sys.path[:] = before[0]
+    for name in set(sys.modules) - before[1]:
+        if Path(getattr(sys.modules[name], "__file__", None) or "/").is_relative_to(folder):
+            del sys.modules[name]
 
 
 @pytest.fixture(params=["float32", "float64"])

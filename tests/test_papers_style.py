@@ -1,7 +1,5 @@
 """What benchmarks/papers judges styles and cleaning by is what it says, by small cases."""
 
-import importlib
-import sys
 from pathlib import Path
 
 import jax
@@ -15,18 +13,6 @@ from tests.helpers import random_motion
 FOLDER = Path(__file__).parents[1] / "benchmarks" / "papers"
 
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason="no benchmarks beside the tests")
-
-
-@pytest.fixture(scope="module")
-def script():
-    """A script of the folder by name; they import each other as they do when they are run."""
-    before = sys.path[:], set(sys.modules)
-    sys.path[:0] = [str(FOLDER), str(FOLDER.parent)]
-    yield importlib.import_module
-    sys.path[:] = before[0]
-    for name in set(sys.modules) - before[1]:
-        if Path(getattr(sys.modules[name], "__file__", None) or "/").is_relative_to(FOLDER.parent):
-            del sys.modules[name]
 
 
 @pytest.fixture

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from run import shown
 
 import jaxmotion as jm
 
@@ -80,17 +81,9 @@ def plain(value):
     return value.item() if isinstance(value, np.generic | np.ndarray | jax.Array) else value
 
 
-def shown(value) -> str:
-    """A cell: numbers by three digits or to the whole; nothing for None."""
-    if isinstance(value, float | np.floating | jax.Array):
-        value = float(value)
-        return f"{value:,.0f}".replace(",", " ") if abs(value) >= 100 else f"{value:.3g}"
-    return "" if value is None else str(value)
-
-
 def aligned(numbers: Sequence[dict]) -> list[str]:
     """A table for a terminal."""
-    cells = [list(numbers[0]), *([shown(x) for x in row.values()] for row in numbers)]
+    cells = [list(numbers[0]), *([shown(plain(x)) for x in row.values()] for row in numbers)]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) for row in cells]
 

@@ -96,7 +96,7 @@ def table_of(rows: list[dict]) -> str:
 
 
 def shown(value) -> str:
-    """As ``remade.shown``, without JAX."""
+    """A cell: numbers by three digits or to the whole; nothing for None."""
     if isinstance(value, float):
         return f"{value:,.0f}".replace(",", " ") if abs(value) >= 100 else f"{value:.3g}"
     return "" if value is None else str(value)
