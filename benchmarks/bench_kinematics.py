@@ -1,4 +1,4 @@
-"""Forward kinematics of 2526 frames by 65 joints, its gradient, and its compile time.
+"""Forward kinematics of 2526 frames by 65 joints, its gradient, and its compile time; a mirror.
 
 Peers: jaxlie's SE(3) products unrolled over the joints and vmapped over the frames (what its users
 write), and pymotion's numpy ``fk_quat``. The tree is a capture's: five limbs, thirteen levels.
@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxmotion import Motion, Skeleton, forward_kinematics
+from jaxmotion import Motion, Skeleton, forward_kinematics, mirror
 
 jaxlie = pytest.importorskip("jaxlie")
 pymotion_skeleton = pytest.importorskip("pymotion.ops.skeleton")
@@ -140,3 +140,45 @@ def test_compile(race, what):
         warm=False,
         rounds=3,
     )
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_mirror(race, dtype):
+    """Beside pymotion's "symmetry", which takes which joint is on the other side."""
+    motion, side = _of_two_sides(dtype)
+    q, offsets = np.asarray(motion.rotations), np.asarray(motion.skeleton.offsets)
+    pairs = tuple((j, int(k)) for j, k in enumerate(side) if j < k)
+
+    def theirs():
+        roots = np.array(motion.root_positions)  # it writes into what it is given
+        return pymotion_skeleton.mirror(
+            q,
+            roots,
+            np.array(motion.skeleton.parents),
+            offsets,
+            joints_mapping=side,
+            mode="symmetry",
+        )[:2]
+
+    def ours():
+        return mirror(motion, "x", pairs=pairs)
+
+    result, results = race(f"mirror {FRAMES}x{len(side)} {dtype}", ours, {"pymotion": theirs})
+    rotations, roots = results["pymotion"]
+    np.testing.assert_allclose(result.root_positions, roots, atol=1e-5)
+    np.testing.assert_allclose(abs(np.sum(result.rotations * rotations, -1)), 1, atol=1e-4)
+
+
+def _of_two_sides(dtype):
+    """The capture's tree but for its last joint, with offsets alike on both sides; and the joint on
+    the other side."""
+    motion, roots, offsets = _inputs(dtype)
+    arms, legs = np.arange(24), np.arange(4)
+    side = np.r_[np.arange(8), 32 + arms, 8 + arms, 60 + legs, 56 + legs]
+    joints = np.arange(len(side))
+    offsets = offsets[joints]
+    offsets[side == joints, 0] = 0
+    offsets[side < joints] = offsets[side[side < joints]] * np.array([-1, 1, 1], dtype)
+    names = [f"joint{j}" for j in joints]
+    skeleton = Skeleton(names, PARENTS[: len(side)], offsets)
+    return Motion.from_root(skeleton, roots, motion.rotations[:, joints], 1 / 60), side

@@ -53,6 +53,11 @@ ROWS = (
         {"jaxlie unrolled": "jaxlie unrolled"},
     ),
     (
+        "left and right exchanged, 2526 frames of 64 joints",
+        "mirror 2526x64 float32",
+        {"pymotion": "pymotion"},
+    ),
+    (
         "smoothing 2526 frames of 260 channels, float64",
         "lgs mean 2526x260 float64",
         {"solveh_banded": "SciPy `solveh_banded`"},

@@ -69,6 +69,13 @@ def tuning():
     )
 
 
+def mirrored():
+    """A kick of the right leg, and of the left."""
+    kick = jm.samples.load("kick").motion
+    clips = {"a kick": kick[20:140], "mirrored": jm.mirror(kick)[20:140]}
+    return jm.viz.plot_poses(clips, count=7, view="front")
+
+
 def walk_and_noisy():
     walk = jm.samples.load("walk", num_frames=181).motion
     return walk, jm.samples.add_noise(walk, jax.random.key(0), rotation=NOISE).motion
@@ -236,7 +243,7 @@ def module_of(path):
 PICTURES = {
     draw.__name__: draw
     for draw in (
-        *(strip, layers, tuning, response, cutoffs, orders, digression, knee),
+        *(strip, layers, tuning, mirrored, response, cutoffs, orders, digression, knee),
         *(style_phase, sudden_moves, player, unique_move),
     )
 }

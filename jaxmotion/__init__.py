@@ -69,6 +69,7 @@ _HOMES = {
     "decompose": "layers",
     "denoise": "layers",
     "joint_weights": "layers",
+    "mirror": "reflection",
     "stack": "clips",
     "stylize": "layers",
     "synthesize": "layers",
@@ -116,6 +117,7 @@ if TYPE_CHECKING:
     )
     from jaxmotion.metrics import check
     from jaxmotion.motion import Motion
+    from jaxmotion.reflection import mirror
     from jaxmotion.skeleton import Skeleton
     from jaxmotion.timing import resample
 
@@ -146,6 +148,7 @@ __all__ = [
     "linalg",
     "load",
     "metrics",
+    "mirror",
     "multiresolution",
     "quaternion",
     "reorient",

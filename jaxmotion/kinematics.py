@@ -20,6 +20,7 @@ by level. Local rotations are normalised on the way, so the derivative along the
 the zero quaternion stands for the identity.
 """
 
+import itertools
 from collections.abc import Iterator
 from functools import partial
 
@@ -271,8 +272,8 @@ def _velocities(motion: Motion) -> WorldVelocity:
 def mirrored_pairs(skeleton: Skeleton | Motion) -> tuple[tuple[int, int], ...]:
     """Joints whose names differ only in side.
 
-    Sides are Left/Right, or an L and R that stand apart ("Hand_L") or lead a lower-case name that
-    has its twin ("lfemur").
+    Sides are Left/Right, or an L and R that stand apart ("Hand_L") or lead a lower-case name, or a
+    part of one, that has its twin ("lfemur", "__lthumb").
 
     **Arguments:** ``skeleton``: J joints, or a motion of them.
     **Returns:** (left, right) joint numbers, in the order of the left ones.
@@ -283,13 +284,20 @@ def mirrored_pairs(skeleton: Skeleton | Motion) -> tuple[tuple[int, int], ...]:
     for name, j in lower.items():
         twins = [name.replace("left", "right")] if "left" in name else []
         parts = name.replace(".", "_").replace(":", "_").split("_")
+        begins = list(itertools.accumulate((len(part) + 1 for part in parts), initial=0))
         if "l" in parts:
-            place = sum(len(p) + 1 for p in parts[: parts.index("l")])
-            twins.append(name[:place] + "r" + name[place + 1 :])
-        if name.startswith("l"):
-            twins.append("r" + name[1:])
+            twins.append(_with_r(name, begins[parts.index("l")]))
+        twins += [
+            twin
+            for part, at in zip(parts, begins, strict=False)
+            if part.startswith("l") and (twin := _with_r(name, at)) in lower
+        ]
         pairs += [(j, lower[twin]) for twin in twins[:1] if twin in lower]
     return tuple(pairs)
+
+
+def _with_r(name: str, at: int) -> str:
+    return name[:at] + "r" + name[at + 1 :]
 
 
 def facing_direction(
@@ -315,11 +323,17 @@ def facing_direction(
         ((16, 3), True)
     """
     a_motion("facing_direction", motion)
-    return _facing(motion, None if pairs is None else _checked_pairs(pairs, motion.num_joints))
+    return _facing(
+        motion,
+        pairs if pairs is None else checked_pairs("facing_direction", pairs, motion.num_joints),
+    )
 
 
-def _checked_pairs(pairs, joints: int) -> tuple[tuple[int, int], ...]:
-    wanted = f"facing_direction: pairs must be (left, right) joints, each 0..{joints - 1}"
+def checked_pairs(caller: str, pairs, joints: int) -> tuple[tuple[int, int], ...]:
+    """The pairs, if they are (left, right) numbers of joints that there are."""
+    if not len(pairs):
+        return ()
+    wanted = f"{caller}: pairs must be (left, right) joints, each 0..{joints - 1}"
     if traced(pairs):
         raise ValueError(f"{wanted}, and not traced")
     numbers = np.asarray(pairs)

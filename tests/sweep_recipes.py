@@ -138,6 +138,14 @@ def pyramid(c):
     return multiresolution.build_pyramid(c.motion)
 
 
+def of_two_sides(c):
+    """A frame at rest whose bones are alike on both sides: only hips lie beside the middle."""
+    bones = jnp.asarray(c.other.skeleton.offsets)
+    bones = jnp.where(jnp.abs(bones) == 0.1, bones, bones * jnp.array([0, 1, 1], c.dtype))
+    q = jnp.zeros((1, len(bones), 4), c.dtype).at[..., 0].set(1)
+    return c.other.with_transforms(bones[None], q)
+
+
 def sample(f, c):
     return f(c.frames, fps=c.fps, dtype=c.dtype)
 
@@ -259,6 +267,9 @@ RECIPES = {
     "clips.concatenate": recipe(lambda f, c: f([c.motion, c.other]), both),
     "clips.stack": recipe(lambda f, c: f([c.motion, c.other])[0], both),
     "axes.reorient": recipe(lambda f, c: f(c.motion, "z")),
+    "reflection.mirror": recipe(
+        lambda f, c: f(c.motion, reference=of_two_sides(c)), cases=NO_PAIRS
+    ),
     "kinematics.facing_direction": recipe(lambda f, c: f(c.motion), cases=NO_PAIRS),
     "kinematics.forward_kinematics": recipe(lambda f, c: f(c.motion)),
     "kinematics.velocities": recipe(lambda f, c: f(c.motion)),

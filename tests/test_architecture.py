@@ -26,7 +26,7 @@ FLOORS = (
     (
         *("skeleton", "motion", "_entry", "clips", "_levels"),
         *("kinematics", "displacement", "_room"),
-        *("confine", "axes", "io", "samples", "_posture", "_stored"),
+        *("confine", "axes", "io", "samples", "_posture", "_stored", "reflection"),
     ),
     ("smoothing", "timing"),
     ("layers", "multiresolution", "style", "cleaning", "contacts", "spacetime"),
@@ -57,6 +57,7 @@ SIDEWAYS = {
     "_room": {"motion", "displacement"},
     "confine": {"skeleton", "motion", "_entry", "displacement"},
     "axes": {"skeleton", "motion", "_entry"},
+    "reflection": {"skeleton", "motion", "_entry", "kinematics", "_levels", "_posture"},
     "io": {"skeleton", "motion", "_entry", "axes"},
     "samples": {"skeleton", "motion", "_entry", "kinematics"},
     "layers": {"contacts", "spacetime"},

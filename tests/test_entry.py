@@ -33,7 +33,7 @@ FRAME_BY_FRAME = BATCHED | {
     *("metrics.difference", "metrics.check", "metrics.find_problems"),
     *("metrics.foot_skate", "metrics.pose_error", "metrics.slides"),
     *("metrics.penetration", "multiresolution.follow", "clips.stack", "clips.concatenate"),
-    "timing.pad_to_bucket",
+    *("timing.pad_to_bucket", "reflection.mirror"),
     *(f"samples.{name}" for name in ("add_noise", "add_spikes", "drop_frames", "flip_signs")),
     *(f"samples.{name}" for name in ("fill_gaps", "freeze_joints", "inject_errors")),
     *(f"samples.{name}" for name in ("offset_joints", "slide_root", "swap_limbs")),

@@ -384,7 +384,9 @@ def test_facing_has_finite_derivatives_lying_down():
         (("Hips", "Hand_L", "Hand_R", "Foot_R", "Foot_L"), ((1, 2), (4, 3))),
         (("Hips", "LThumb", "RThumb", "LHipJoint", "RHipJoint"), ((1, 2), (3, 4))),
         (("pelvis", "l_hip", "r_hip", "hand.l", "hand.r"), ((1, 2), (3, 4))),
+        (("hip", "__lthumb", "__rthumb", "rthumb", "lthumb"), ((1, 2), (4, 3))),
         (("Hips", "LeftUpLeg", "Spine", "LowerBack", "Neck"), ()),
+        (("Hips", "Spine_Lower", "Neck_1"), ()),
     ],
 )
 def test_mirrored_pairs(names, pairs):

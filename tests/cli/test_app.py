@@ -12,8 +12,8 @@ from jaxmotion.cli import _app
 
 COMMANDS = (
     "align", "augment", "blend", "check", "compare", "contacts", "convert", "demo", "denoise",
-    "info", "layers", "multires", "prior", "repair", "retime", "stitch", "style", "transfer",
-    "view",
+    "info", "layers", "mirror", "multires", "prior", "repair", "retime", "stitch", "style",
+    "transfer", "view",
 )  # fmt: skip
 
 

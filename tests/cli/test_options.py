@@ -5,7 +5,7 @@ import inspect
 import click
 import pytest
 
-from jaxmotion import augment, cleaning, contacts, layers, multiresolution, style, timing
+from jaxmotion import augment, cleaning, contacts, layers, mirror, multiresolution, style, timing
 from jaxmotion.cli._app import app
 from jaxmotion.cli._joining import Joining
 from jaxmotion.cli._options import Batch, FrameRange, Gain, Reading, Running, Selection
@@ -104,6 +104,7 @@ CALLS = {
         ),
         set(),
     ),
+    "mirror": ((mirror,), set()),
     "prior": ((motion_prior,), set()),
     "repair": ((cleaning.repair,), {"detect-only", "keep-contacts"}),
     "retime": (
