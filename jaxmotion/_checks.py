@@ -9,7 +9,8 @@ program runs, and then the setting decides (:func:`checks`):
     "raise"   the program stops with the message (``equinox.EquinoxRuntimeError``; under a
               ``jax.jit`` of your own, JAX's ``JaxRuntimeError``), which under ``vmap`` names the
               batch element; costs a callback to the host, so that the program can be neither
-              exported nor kept in the compilation cache
+              exported nor kept in the compilation cache (eager calls of the library's own compile
+              another where programs are kept: :func:`jaxmotion._program.keepable`)
     "nan"     what the function computes from the faulty element is NaN, other elements of a batch
               keep their values; whole numbers, and what was chosen from a list, stay as they came
     "off"     nothing
@@ -283,6 +284,11 @@ def poisoned(x: Tree, faults: Sequence[Fault]) -> Tree:
 
 def _mode() -> str:
     return _chosen.value or _FROM_OUTSIDE
+
+
+def stops() -> bool:
+    """Whether a compiled program stops at what is wrong."""
+    return _mode() not in ("nan", "off")
 
 
 @eqx.filter_jit

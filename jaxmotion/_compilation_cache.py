@@ -22,9 +22,9 @@ _ZSTD = b"\x28\xb5\x2f\xfd"
 def enable_compilation_cache(folder: str | os.PathLike | None = None) -> Path:
     """Keep compiled programs on disk, so that the next process does not compile them again.
 
-    Sets JAX's configuration for the whole process. Not kept are programs that can stop at a wrong
-    value while they run, because they call the host: those of the smoothers, eager or in your own
-    ``jax.jit``. Inside of ``with jaxmotion.checks("nan")`` they are kept too.
+    Sets JAX's configuration for the whole process. The library's functions are kept when called
+    eagerly. Under a ``jax.jit`` of your own, what may stop at a wrong value while it runs calls the
+    host, and JAX keeps no such program: inside of ``with jaxmotion.checks("nan")`` it does.
 
     **Arguments:** ``folder``: made if it is not there; by default that of the command line:
     ``JAXMOTION_CACHE_DIR``, or ``jaxmotion`` in the user's folder of caches.

@@ -45,7 +45,7 @@ SIDEWAYS = {
     "_asf_bone": {"_portable"},
     "_cluster": {"_lazy", "_plain"},
     "_caller": {"_compilation_cache", "_width"},
-    "_program": {"_checks"},
+    "_program": {"_checks", "_compilation_cache"},
     "motion": {"skeleton"},
     "_entry": {"skeleton", "motion"},
     "clips": {"skeleton", "motion", "_entry"},

@@ -33,6 +33,7 @@ from jaxmotion._checks import instance_of, known, require, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
+from jaxmotion._program import keepable
 from jaxmotion._room import room_for
 from jaxmotion._types import ArrayLike, Key, ScalarLike
 from jaxmotion.augmentation.draws import Draws, bent_time, drawn
@@ -190,6 +191,7 @@ def _limits_of(
     return limits.astype(motion.dtype)
 
 
+@keepable
 @compiled
 def _augmented(
     motion: Motion,

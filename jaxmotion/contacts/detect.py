@@ -26,6 +26,7 @@ from jaxmotion import quaternion
 from jaxmotion._checks import counted, one_number, one_of, require, static, traced
 from jaxmotion._entry import finite_clip, one_clip
 from jaxmotion._numerics import safe_norm
+from jaxmotion._program import keepable
 from jaxmotion._room import room_for
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import height_speed, rigid
@@ -120,6 +121,7 @@ def _window(motion: Motion, window: int | None) -> int:
     return window
 
 
+@keepable
 @eqx.filter_jit
 def _detect(
     motion: Motion,

@@ -30,6 +30,7 @@ from jaxmotion._checks import counted, one_number, require, traced
 from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
+from jaxmotion._program import keepable
 from jaxmotion._room import room_for
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts, Limb, check_frames, over_time
@@ -127,6 +128,7 @@ def _feet_of(skeleton: Skeleton, contacts: Contacts) -> _Feet:
     return _Feet(limbs, anchors)
 
 
+@keepable
 @compiled
 def _cleanup(given, contacts, feet: _Feet, stretch, fade, floor, count) -> Motion:
     origin = origin_of(given)

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from jaxmotion._checks import counted
 from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
+from jaxmotion._program import keepable
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts.contact import Contacts, check_frames
 from jaxmotion.contacts.nearby import contacts_near, floor_near, motion_near, origin_of
@@ -55,6 +56,7 @@ def cleanup_root(
     return _cleanup(motion, contacts, level, count)
 
 
+@keepable
 @compiled
 def _cleanup(motion: Motion, contacts: Contacts, floor, count) -> Motion:
     kind, up = motion.dtype, motion.skeleton.up_axis

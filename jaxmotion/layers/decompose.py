@@ -33,6 +33,7 @@ from jaxmotion._checks import counted, known, one_number, one_of, require, stati
 from jaxmotion._entry import MISSING, check_weights, finite_numbers, one_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
+from jaxmotion._program import keepable
 from jaxmotion._room import Room, room_for
 from jaxmotion._summary import brief
 from jaxmotion._types import ArrayLike, ScalarLike
@@ -226,6 +227,7 @@ def checked_weights(
     return finite_numbers(caller, motion, weights=weights, at_run_time=True, hint=hint), weights
 
 
+@keepable
 @compiled
 def layers_of(
     motion: Motion,

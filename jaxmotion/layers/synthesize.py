@@ -17,6 +17,7 @@ from jaxmotion._checks import instance_of, one_of, static
 from jaxmotion._entry import one_clip, skeleton_of
 from jaxmotion._file_facts import compiled
 from jaxmotion._numerics import safe_norm
+from jaxmotion._program import keepable
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts
 from jaxmotion.contacts.contact import check_kept
@@ -222,6 +223,7 @@ def _prior_of(
     return "student", jnp.asarray(prior.of(motion.skeleton), motion.dtype)
 
 
+@keepable
 @compiled
 def _without_noise(
     motion: Motion,

@@ -28,6 +28,7 @@ from jaxmotion import quaternion, spacetime
 from jaxmotion._checks import known, require, static, traced
 from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_norm
+from jaxmotion._program import keepable
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.contacts import Contacts, detect
 from jaxmotion.frames.padding import in_buckets, program_size
@@ -137,6 +138,7 @@ def warped_frames(
     return known(at)[:num_frames]
 
 
+@keepable
 @eqx.filter_jit
 def _source_times(
     knots: Float[Array, " knot"],

@@ -44,6 +44,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxmotion import quaternion
 from jaxmotion._checks import Fault, fault, known, no_module, one_of, raise_faults, static
 from jaxmotion._portable import Portable
+from jaxmotion._program import keepable
 from jaxmotion._summary import brief, per_frame
 from jaxmotion._types import AnyArray, ArrayLike, Quaternion, ScalarLike
 from jaxmotion.linalg.block_banded import (
@@ -338,6 +339,7 @@ def _between(problem: _Problem, ends: Ends) -> _Problem:
     )
 
 
+@keepable
 @eqx.filter_jit
 def _solve(problem: _Problem, throw: bool, joints: tuple[int, ...]) -> GeodesicPosterior:
     whole, ends = problem, None

@@ -49,6 +49,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion._checks import Fault, known, no_module, one_of, raise_faults, require, static, traced
 from jaxmotion._portable import Portable
+from jaxmotion._program import keepable
 from jaxmotion._summary import per_frame
 from jaxmotion._types import ArrayLike, Key
 from jaxmotion.linalg import (
@@ -217,6 +218,7 @@ def lgs(
     return _lgs(y, lam, sigma, stiffness, seen, faults, order, scale, shared, way)
 
 
+@keepable
 @eqx.filter_jit
 def _lgs(
     y: Array,

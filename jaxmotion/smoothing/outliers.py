@@ -31,6 +31,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion._checks import no_module, one_of, static
 from jaxmotion._entry import MISSING, finite_clip
+from jaxmotion._program import keepable
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.design import check_known
@@ -103,6 +104,7 @@ def _without_spikes(motion: Motion, given: Array) -> Array:
     return jnp.where(bad, 0, jax.lax.stop_gradient(given))
 
 
+@keepable
 @eqx.filter_jit
 def _reweighted(y: Array, given: Array, loss: Loss, order: Literal[1, 2]) -> Array:
     y, given = jax.lax.stop_gradient((y, given))

@@ -29,6 +29,7 @@ from jaxtyping import Array, Float
 from jaxmotion._checks import no_module, one_of, raise_faults, static
 from jaxmotion._entry import MISSING, finite_clip
 from jaxmotion._numerics import safe_norm
+from jaxmotion._program import keepable
 from jaxmotion._types import ArrayLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.components import to_components
@@ -146,6 +147,7 @@ def student_stiffness(
     return _stiffness(problem, start, frames, scale).reshape(frames, *joints)
 
 
+@keepable
 @eqx.filter_jit
 def _stiffness(problem: _Problem, start: Array | None, frames: int, scale: str) -> Array:
     channels = problem.y.shape[-1]

@@ -37,6 +37,7 @@ from jaxtyping import Array, Float
 from jaxmotion._checks import no_module, one_of, static
 from jaxmotion._entry import MISSING, finite_clip
 from jaxmotion._portable import Portable
+from jaxmotion._program import keepable
 from jaxmotion._summary import brief
 from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.motion import Motion
@@ -198,6 +199,7 @@ def tune_signal(
     return jax.tree.map(lambda x: x.reshape(*x.shape[:-1], *kept), found)
 
 
+@keepable
 @eqx.filter_jit
 def _tune(
     y, weights, index, criterion: str, num_frames, order, scale, prior: str, share: bool, most

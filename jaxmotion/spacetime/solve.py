@@ -44,6 +44,7 @@ from jaxmotion._checks import counted, one_of, poisoned, raise_faults, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._file_facts import compiled
 from jaxmotion._portable import Portable
+from jaxmotion._program import keepable
 from jaxmotion._room import Room
 from jaxmotion._types import ScalarLike
 from jaxmotion.contacts import ContactPoints, Contacts
@@ -168,6 +169,7 @@ def satisfy(
     return raise_faults((answer, report), [(~report.converged, message)])
 
 
+@keepable
 @compiled
 def _satisfy(given, contacts, limits, floor, weights, ramp, count, method, tolerance, max_steps):
     if count is not None:

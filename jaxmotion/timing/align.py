@@ -31,6 +31,7 @@ from jaxmotion._checks import known, one_of, require, static
 from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_sqrt
 from jaxmotion._portable import Portable
+from jaxmotion._program import keepable
 from jaxmotion._summary import brief
 from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.frames.count import frame_mask
@@ -155,6 +156,7 @@ def _channels(x: AnyArray, y: AnyArray) -> tuple[Array, ...]:
     return tuple((q - jnp.mean(q, axis=0)).reshape(q.shape[0], -1) for q in (x, y))
 
 
+@keepable
 @eqx.filter_jit
 def _source_times(
     x: Float[Array, "source joint 4"],

@@ -40,7 +40,7 @@ from jaxmotion import quaternion
 from jaxmotion._checks import known, one_of, require, static, traced
 from jaxmotion._entry import finite_clip
 from jaxmotion._numerics import safe_norm
-from jaxmotion._program import one_program
+from jaxmotion._program import keepable, one_program
 from jaxmotion._room import Room, room_for
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.frames.padding import program_size
@@ -249,6 +249,7 @@ def _put_back(
     return still.at[:, np.asarray(moved, np.int32)].set(place + new)
 
 
+@keepable
 @eqx.filter_jit
 def _curve(
     translations: Float[Array, "time moved 3"],
