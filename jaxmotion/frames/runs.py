@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Shaped
 
+from jaxmotion._program import one_program
 from jaxmotion._types import AnyArray
 
 Mask = Bool[AnyArray, "time point"]
@@ -33,6 +34,7 @@ def next_after(mask: Bool[AnyArray, "time *rest"]) -> Int[Array, "time *rest"]:
     return jax.lax.cummin(jnp.where(mask, _frames(mask), mask.shape[0]), axis=0, reverse=True)
 
 
+@one_program()
 def held(values: Shaped[AnyArray, "time *rest"], mask: Bool[AnyArray, "time ..."]) -> Array:
     """Values where the mask is set; elsewhere the last one before that is, or else the first of
     all. The mask has the values' axes, each equal or 1."""

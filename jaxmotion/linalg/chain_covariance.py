@@ -86,6 +86,7 @@ class Knowledge(NamedTuple):
         return State(position, (share * m - other * mu) * velocity, velocity)
 
 
+@jax.jit
 def chain_knowledge(factor: ChainFactor) -> Knowledge:
     """What is known of (x_j, v_j) from either side.
 
@@ -130,6 +131,7 @@ def chain_covariance(factor: ChainFactor) -> State:
     return State(position, cross.at[0].set(0), velocity.at[0].set(0))
 
 
+@jax.jit
 def chain_squared_inverse(factor: ChainFactor) -> Array:
     """Diagonal of P^-2, ``sum_i cov(x_i, x_j)^2``.
 

@@ -13,7 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from jaxmotion import quaternion
+from jaxmotion._checks import known
 from jaxmotion._numerics import safe_norm
+from jaxmotion._program import one_program
 from jaxmotion._types import AnyArray, ArrayLike
 from jaxmotion.frames.runs import held
 
@@ -33,10 +35,11 @@ def to_components(
     if weights is not None:
         q = held(q, per_component(weights, q) > 0)
     if signs != "input":
-        q = _signed_in_time(q, index, signs)
+        q = _signed_in_time(q, None if index is None else known(index), signs)
     return q if method == "chordal" else quaternion.log(q)
 
 
+@one_program("method")
 def from_components(x: Array, method: Coordinates = "chordal") -> Array:
     """Back from smoothed components."""
     if method == "rotvec":
@@ -50,6 +53,7 @@ def per_component(weights: AnyArray, q: AnyArray) -> Array:
     return weights.reshape(weights.shape + (1,) * (q.ndim - weights.ndim))
 
 
+@one_program("signs")
 def _signed_in_time(q: AnyArray, index: ArrayLike | None, signs: Signs) -> Array:
     least = signs == "min_energy"
     if index is None:

@@ -88,6 +88,7 @@ class Posterior(Portable):
         yield f"order {self._order}"
 
     @property
+    @jax.jit
     def variance(self) -> Array:
         """Variance of each frame: f[Nf] when lam, sigma and weights are shared by all channels,
         else f[Nf, *k], which broadcasts against the mean. O(Nf).
@@ -95,12 +96,14 @@ class Posterior(Portable):
         return self._per_frame(self._knowledge().covariance().position)
 
     @property
+    @jax.jit
     def lag_one_covariance(self) -> Array:
         """Covariance of frames j and j + 1, f[Nf - 1] or f[Nf - 1, *k]. O(Nf)."""
         x, cross, _ = self._knowledge().covariance()
         return self._per_frame(x[1:] - cross[1:])
 
     @property
+    @jax.jit
     def bend_variance(self) -> Array:
         """Variance of each second difference x_{j-1} - 2 x_j + x_{j+1}, f[Nf - 2] or f[Nf - 2, *k],
         without the loss of digits that the variances of frames would bring. O(Nf)."""
@@ -117,6 +120,7 @@ class Posterior(Portable):
         return self._observations.at_data(self.mean)
 
     @property
+    @jax.jit
     def leverage(self) -> Array:
         """``w_i`` times the posterior variance of ``(A x)_i`` over ``sigma^2``: the diagonal of the
         hat matrix, f[Nd, *k]; its sum is the effective number of parameters. O(Nf + Nd).
@@ -124,6 +128,7 @@ class Posterior(Portable):
         return self._observations.leverage(self._knowledge())
 
     @property
+    @jax.jit
     def energy(self) -> Array:
         """J of the module, the least weighted misfit plus roughness, f[*channels]."""
         return _scaled_energy(self) / self._sigma**2

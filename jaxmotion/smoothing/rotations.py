@@ -16,16 +16,18 @@ are averaged) there is no mean rotation, and the identity is returned.
 from functools import partial
 from typing import Literal, TypeAlias
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jaxmotion._checks import no_module, one_of, static
+from jaxmotion._checks import known, no_module, one_of, static
 from jaxmotion._entry import MISSING, finite_clip, one_clip
-from jaxmotion._types import ArrayLike, Quaternion, ScalarLike
+from jaxmotion._program import one_program
+from jaxmotion._types import AnyArray, ArrayLike, Quaternion, ScalarLike
 from jaxmotion.motion import Motion
 from jaxmotion.smoothing.chordal import chordal, linear_mean
-from jaxmotion.smoothing.components import Signs, from_components, to_components
+from jaxmotion.smoothing.components import Coordinates, Signs, from_components, to_components
 from jaxmotion.smoothing.design import Design, frame_count
 from jaxmotion.smoothing.lgs import check_positive, checked_stiffness
 
@@ -186,8 +188,9 @@ def smoothed_clip(
         _check_shape(name, value, (), motion.num_joints)
     firm = _stiffnesses(stiffness, translation_stiffness, design, motion)
     weights = None if weights is None else jnp.asarray(weights, motion.dtype)
-    moved = np.asarray(motion.translated_joints, int)
-    y = motion.translations[:, moved]
+    still = motion.translations
+    joints, moves = motion.num_joints, motion.translated_joints
+    moved = np.asarray(moves, int)
 
     def solve(y: Array, turned: np.ndarray) -> Array:
         """``y``: rotations of the joints ``turned``, then translations of those that move."""
@@ -205,20 +208,47 @@ def smoothed_clip(
     if method == "geodesic":
         turning = None if firm is None else firm[0]
         rotations = _geodesic(jnp.asarray(motion.rotations), lam, sigma, design, weights, turning)
-        y = solve(y, np.zeros(0, int)) if moved.size else y
-    else:
-        # One solve for both: translations are given a spare component, and stand as more joints.
-        joints = motion.num_joints
-        x = to_components(motion.rotations, weights, design.index, method, signs)
-        spare = jnp.zeros((*y.shape[:2], x.shape[-1] - 3), y.dtype)
-        y = jnp.concatenate([x, jnp.concatenate([y, spare], -1)], axis=1)
-        x = solve(y, np.arange(joints))
-        rotations, y = from_components(x[:, :joints], method), x[:, joints:, :3]
-    shape = (rotations.shape[0], motion.num_joints, 3)
-    translations = jnp.broadcast_to(motion.translations[:1], shape)
-    if moved.size:
-        translations = translations.at[:, moved].set(y)
+        y = solve(still[:, moved], np.zeros(0, int)) if moved.size else None
+        return motion.with_transforms(_moved(still, y, rotations.shape[0], moves), rotations)
+    index = None if design.index is None else known(design.index)
+    x = _side_by_side(motion.rotations, still, weights, index, moves, method, signs)
+    translations, rotations = _apart(solve(x, np.arange(joints)), still, moves, method)
     return motion.with_transforms(translations, rotations)
+
+
+@one_program("moved", "method", "signs")
+def _side_by_side(
+    rotations: AnyArray,
+    translations: AnyArray,
+    weights: Array | None,
+    index: AnyArray | None,
+    moved: tuple[int, ...],
+    method: Coordinates,
+    signs: Signs,
+) -> Array:
+    """One signal for one solve: translations are given a spare component, and stand as more
+    joints."""
+    x = to_components(rotations, weights, index, method, signs)
+    y = translations[:, np.asarray(moved, int)]
+    spare = jnp.zeros((*y.shape[:2], x.shape[-1] - 3), y.dtype)
+    return jnp.concatenate([x, jnp.concatenate([y, spare], -1)], axis=1)
+
+
+@one_program("moved", "method")
+def _apart(
+    x: Array, translations: AnyArray, moved: tuple[int, ...], method: Coordinates
+) -> tuple[Array, Array]:
+    """All translations, and the rotations, of what is solved for."""
+    joints = translations.shape[1]
+    y = x[:, joints:, :3] if moved else None
+    return _moved(translations, y, x.shape[0], moved), from_components(x[:, :joints], method)
+
+
+@one_program("frames", "moved")
+def _moved(translations: AnyArray, y: Array | None, frames: int, moved: tuple[int, ...]) -> Array:
+    """The first frame's translations in all, and ``y`` for the joints that are moved."""
+    found = jnp.broadcast_to(translations[:1], (frames, *translations.shape[1:]))
+    return found if y is None else found.at[:, np.asarray(moved, int)].set(y)
 
 
 def geodesic_limit(order: Literal[1, 2], dtype) -> float:
@@ -271,12 +301,15 @@ def _of_both(
     if turning is moving and np.ndim(turning) == lead:
         return turning
 
-    def part(x, joints):
-        x = jnp.asarray(x)
-        x = x[..., joints] if x.ndim > lead else x[..., None]
-        return jnp.broadcast_to(x, (*x.shape[:-1], len(joints)))
+    # What NumPy does, it does without a program.
+    by = jnp if isinstance(turning, jax.Array) or isinstance(moving, jax.Array) else np
 
-    return jnp.concatenate([part(turning, turned), part(moving, moved)], axis=-1)[..., None]
+    def part(x, joints):
+        x = by.asarray(x)
+        x = x[..., joints] if x.ndim > lead else x[..., None]
+        return by.broadcast_to(x, (*x.shape[:-1], len(joints)))
+
+    return by.concatenate([part(turning, turned), part(moving, moved)], axis=-1)[..., None]
 
 
 def _check_shape(name: str, value: ArrayLike, lead: tuple[int, ...], joints: int) -> None:

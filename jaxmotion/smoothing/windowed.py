@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jaxmotion._checks import no_module, static
+from jaxmotion._program import one_program
 from jaxmotion._types import ArrayLike
 from jaxmotion.smoothing.lgs import lgs
 
@@ -78,7 +79,7 @@ def windowed_lgs(
         weights=_cut_weights(weights, y.ndim, frames, cut),
         scale=scale,
     ).mean
-    return _join(pieces, stride, steepness)[:frames]
+    return _join(pieces, frames, stride, float(steepness))
 
 
 def _checked_stride(window: int, stride: int | None) -> int:
@@ -96,9 +97,17 @@ def _checked_stride(window: int, stride: int | None) -> int:
 def _cut(y: Array | np.ndarray, window: int, stride: int, count: int) -> Array | np.ndarray:
     """The windows, ``(window, count, ...)``; zeros beyond the clip. NumPy stays NumPy, whose
     values are checked at once."""
+    if isinstance(y, jax.Array):
+        return _cut_by_jax(y, window, stride, count)
     missing = window + (count - 1) * stride - y.shape[0]
-    pad = jnp.pad if isinstance(y, jax.Array) else np.pad
-    y = pad(y, [(0, missing)] + [(0, 0)] * (y.ndim - 1))
+    y = np.pad(y, [(0, missing)] + [(0, 0)] * (y.ndim - 1))
+    return y[np.arange(window)[:, None] + stride * np.arange(count)]
+
+
+@one_program("window", "stride", "count")
+def _cut_by_jax(y: Array, window: int, stride: int, count: int) -> Array:
+    missing = window + (count - 1) * stride - y.shape[0]
+    y = jnp.pad(y, [(0, missing)] + [(0, 0)] * (y.ndim - 1))
     return y[np.arange(window)[:, None] + stride * np.arange(count)]
 
 
@@ -119,8 +128,10 @@ def _cut_weights(
     return pieces.reshape(pieces.shape + (1,) * (ndim + 1 - pieces.ndim))
 
 
-def _join(x: Array, stride: int, steepness: float) -> Array:
-    """Cross-fade windows ``(window, count, ...)`` into ``(window + (count - 1) stride, ...)``."""
+@one_program("frames", "stride", "steepness")
+def _join(x: Array, frames: int, stride: int, steepness: float) -> Array:
+    """Cross-fade windows ``(window, count, ...)`` into ``(window + (count - 1) stride, ...)``; the
+    first ``frames`` of it."""
     window, count = x.shape[:2]
     overlap = window - stride
     u = jnp.linspace(-steepness, steepness, overlap, dtype=x.dtype)
@@ -129,4 +140,5 @@ def _join(x: Array, stride: int, steepness: float) -> Array:
     faded = (1 - rise) * tail[:, :-1] + rise * head[:, 1:]
     head = jnp.concatenate([head[:, :1], faded], axis=1)
     blocks = jnp.moveaxis(jnp.concatenate([head, middle], axis=0), 1, 0)
-    return jnp.concatenate([blocks.reshape(count * stride, *x.shape[2:]), tail[:, -1]], axis=0)
+    joined = jnp.concatenate([blocks.reshape(count * stride, *x.shape[2:]), tail[:, -1]], axis=0)
+    return joined[:frames]
