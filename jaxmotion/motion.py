@@ -159,7 +159,7 @@ class Motion(Portable):
             "Motion.from_root", root_positions=root_positions, rotations=rotations
         )
         _doubt_rotations("Motion.from_root", rotations)
-        root, rotations = jnp.asarray(root), jnp.asarray(rotations)
+        rotations = jax.device_put(rotations)  # jnp.asarray compiles
         translations = _with_root(skeleton.offsets, root, rotations)
         return cls(
             skeleton,
@@ -325,8 +325,8 @@ def _doubt_rotations(caller: str, rotations: AnyArray) -> None:
 @one_program()
 def _with_root(
     offsets: Float[AnyArray, "... joint 3"],
-    root: Float[Array, "... 3"],
-    rotations: Float[Array, "*batch time joint 4"],
+    root: Float[AnyArray, "... 3"],
+    rotations: Float[AnyArray, "*batch time joint 4"],
 ) -> Float[Array, "*batch time joint 3"]:
     """The offsets in every frame, with the root where it is."""
     still = offsets.astype(rotations.dtype)[..., None, :, :]

@@ -40,7 +40,7 @@ def check_gradients(f, *args, rtol=1e-6, atol=1e-6, eps=1e-5, seed=0):
     also hands numpy arrays to ``f``.
     """
     rng = np.random.default_rng(seed)
-    args = jax.tree.map(jnp.asarray, args)
+    args = _arrays(args)
 
     def direction(tree):
         return jax.tree.map(lambda x: jnp.asarray(rng.standard_normal(x.shape), x.dtype), tree)
@@ -65,6 +65,13 @@ def check_gradients(f, *args, rtol=1e-6, atol=1e-6, eps=1e-5, seed=0):
     )
 
 
+def _arrays(tree):
+    """JAX's arrays; of NumPy's without a program, which ``jnp.asarray`` compiles."""
+    return jax.tree.map(
+        lambda x: jax.device_put(x) if type(x) is np.ndarray else jnp.asarray(x), tree
+    )
+
+
 def _inner(a, b):
     return sum(
         float(np.vdot(x, y)) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
@@ -76,7 +83,7 @@ def assert_finite_derivatives(f, *args):
 
     **Returns:** the Jacobian (reverse mode) with respect to all arguments, a tuple.
     """
-    args = jax.tree.map(jnp.asarray, args)
+    args = _arrays(args)
     numbers = tuple(range(len(args)))
 
     @jax.jit
@@ -99,7 +106,7 @@ def assert_jit_and_vmap_agree(f, *args, rtol=1e-12, atol=1e-12):
     The mapped run stacks the arguments with themselves reversed along their first axis, so that
     the two slices differ.
     """
-    args = jax.tree.map(jnp.asarray, args)
+    args = _arrays(args)
     other = jax.tree.map(lambda x: x[::-1] if x.ndim else x, args)
     eager = [f(*args), f(*other)]
     stacked = jax.tree.map(lambda a, b: jnp.stack([a, b]), args, other)

@@ -19,6 +19,7 @@ from jaxmotion import quaternion
 from jaxmotion._checks import instance_of, traced
 from jaxmotion._entry import one_clip, skeleton_of
 from jaxmotion._portable import Portable
+from jaxmotion._program import one_program
 from jaxmotion._summary import batched, called, kept_as, some
 from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.kinematics import forward_kinematics
@@ -88,14 +89,22 @@ class ContactPoints(Portable):
         """
         one_clip("ContactPoints.positions", motion)
         pose = forward_kinematics(motion)
-        index = np.asarray(self.joints, int)
-        offset = quaternion.rotate(pose.rotations[:, index], jnp.asarray(self.point, motion.dtype))
-        return pose.positions[:, index] + offset
+        return _positions(pose.positions, pose.rotations, self.point, self.joints)
 
     def _words(self) -> Iterator[str]:
         points = some(self.num_points, "point")
         yield f"{points}: {called(self.names, 3)}" if self.names else points
         yield kept_as(self.point)
+
+
+@one_program("joints")
+def _positions(
+    positions: Array, rotations: Array, point: AnyArray, joints: tuple[int, ...]
+) -> Array:
+    """Of points fixed to joints, from all joints' poses."""
+    index = np.asarray(joints, int)
+    offset = quaternion.rotate(rotations[:, index], jnp.asarray(point, rotations.dtype))
+    return positions[:, index] + offset
 
 
 class Contacts(Portable):

@@ -16,24 +16,36 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmotion._program import one_program
+from jaxmotion._types import AnyArray
 from jaxmotion.contacts.contact import Contacts
 from jaxmotion.motion import Motion
 
 
 def origin_of(motion: Motion) -> Float[Array, "3"]:
     """o, in the motion's unit and dtype."""
-    return jax.lax.stop_gradient(jnp.asarray(motion.translations[0, 0]))
+    return _first(motion.translations)
 
 
 def motion_near(motion: Motion, origin: Float[Array, "3"]) -> Motion:
     """The motion moved by -o."""
-    return motion.with_transforms(jnp.asarray(motion.translations).at[:, 0].add(-origin))
+    return motion.with_transforms(_moved(motion.translations, origin, back=True))
 
 
 def moved_as(given: Motion, before: Motion, after: Motion) -> Motion:
     """``after`` back where ``given`` is, whose :func:`motion_near` is ``before``."""
     shift = after.translations[:, 0] - before.translations[:, 0]
-    return after.with_transforms(jnp.asarray(given.translations).at[:, 0].add(shift))
+    return after.with_transforms(_moved(given.translations, shift))
+
+
+@one_program()
+def _first(translations: AnyArray) -> Array:
+    return jax.lax.stop_gradient(translations[0, 0])
+
+
+@one_program("back")
+def _moved(translations: AnyArray, by: Array, back: bool = False) -> Array:
+    return translations.at[:, 0].add(-by if back else by)
 
 
 def contacts_near(contacts: Contacts, origin: Float[Array, "3"]) -> Contacts:

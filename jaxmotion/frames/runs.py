@@ -24,11 +24,13 @@ def spans(mask: Any) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
+@one_program()
 def last_before(mask: Bool[AnyArray, "time *rest"]) -> Int[Array, "time *rest"]:
     """The last set frame up to and with each frame; −1 where there is none."""
     return jax.lax.cummax(jnp.where(mask, _frames(mask), -1), axis=0)
 
 
+@one_program()
 def next_after(mask: Bool[AnyArray, "time *rest"]) -> Int[Array, "time *rest"]:
     """The next set frame from each frame on; T where there is none."""
     return jax.lax.cummin(jnp.where(mask, _frames(mask), mask.shape[0]), axis=0, reverse=True)
@@ -42,6 +44,7 @@ def held(values: Shaped[AnyArray, "time *rest"], mask: Bool[AnyArray, "time ..."
     return jnp.take_along_axis(values, jnp.where(last < 0, first, last), axis=0)
 
 
+@one_program()
 def hysteresis(strong: Mask, weak: Mask) -> Mask:
     """Runs of ``weak | strong`` that have a ``strong`` frame somewhere."""
     either = weak | strong

@@ -79,7 +79,7 @@ def windowed_lgs(
         weights=_cut_weights(weights, y.ndim, frames, cut),
         scale=scale,
     ).mean
-    return _join(pieces, frames, stride, float(steepness))
+    return _join(pieces, frames, stride, steepness)
 
 
 def _checked_stride(window: int, stride: int | None) -> int:
@@ -97,17 +97,9 @@ def _checked_stride(window: int, stride: int | None) -> int:
 def _cut(y: Array | np.ndarray, window: int, stride: int, count: int) -> Array | np.ndarray:
     """The windows, ``(window, count, ...)``; zeros beyond the clip. NumPy stays NumPy, whose
     values are checked at once."""
-    if isinstance(y, jax.Array):
-        return _cut_by_jax(y, window, stride, count)
     missing = window + (count - 1) * stride - y.shape[0]
-    y = np.pad(y, [(0, missing)] + [(0, 0)] * (y.ndim - 1))
-    return y[np.arange(window)[:, None] + stride * np.arange(count)]
-
-
-@one_program("window", "stride", "count")
-def _cut_by_jax(y: Array, window: int, stride: int, count: int) -> Array:
-    missing = window + (count - 1) * stride - y.shape[0]
-    y = jnp.pad(y, [(0, missing)] + [(0, 0)] * (y.ndim - 1))
+    pad = jnp.pad if isinstance(y, jax.Array) else np.pad
+    y = pad(y, [(0, missing)] + [(0, 0)] * (y.ndim - 1))
     return y[np.arange(window)[:, None] + stride * np.arange(count)]
 
 
@@ -128,7 +120,7 @@ def _cut_weights(
     return pieces.reshape(pieces.shape + (1,) * (ndim + 1 - pieces.ndim))
 
 
-@one_program("frames", "stride", "steepness")
+@one_program("frames", "stride")
 def _join(x: Array, frames: int, stride: int, steepness: float) -> Array:
     """Cross-fade windows ``(window, count, ...)`` into ``(window + (count - 1) stride, ...)``; the
     first ``frames`` of it."""
