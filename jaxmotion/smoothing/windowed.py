@@ -25,7 +25,7 @@ from jaxtyping import Array, Float
 
 from jaxmotion._checks import no_module, static
 from jaxmotion._program import one_program
-from jaxmotion._types import ArrayLike
+from jaxmotion._types import ArrayLike, ScalarLike
 from jaxmotion.smoothing.lgs import lgs
 
 
@@ -121,12 +121,12 @@ def _cut_weights(
 
 
 @one_program("frames", "stride")
-def _join(x: Array, frames: int, stride: int, steepness: float) -> Array:
+def _join(x: Array, frames: int, stride: int, steepness: ScalarLike) -> Array:
     """Cross-fade windows ``(window, count, ...)`` into ``(window + (count - 1) stride, ...)``; the
     first ``frames`` of it."""
     window, count = x.shape[:2]
     overlap = window - stride
-    u = jnp.linspace(-steepness, steepness, overlap, dtype=x.dtype)
+    u = jnp.asarray(steepness, x.dtype) * jnp.linspace(-1, 1, overlap, dtype=x.dtype)
     rise = jax.nn.sigmoid(u).reshape(overlap, *[1] * (x.ndim - 1))
     head, middle, tail = x[:overlap], x[overlap:stride], x[stride:]
     faded = (1 - rise) * tail[:, :-1] + rise * head[:, 1:]
