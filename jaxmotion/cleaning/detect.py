@@ -22,10 +22,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from jaxmotion._checks import static
+from jaxmotion._checks import one_number, static
 from jaxmotion._portable import Portable
 from jaxmotion._summary import called, line, some
-from jaxmotion._types import AnyArray
+from jaxmotion._types import AnyArray, ScalarLike
 from jaxmotion.cleaning.digression import Progress
 from jaxmotion.cleaning.groups import as_clips
 from jaxmotion.cleaning.jumps import greatest_about
@@ -103,6 +103,30 @@ class DetectedErrors(Portable):
             )
         return tuple(made)
 
+    def at_least(self, confidence: ScalarLike) -> "DetectedErrors":
+        """The errors of at least a confidence: a joint's frames on end, if one of them reaches it.
+
+        **Arguments:** ``confidence``: from 0, which keeps all, to 1.
+        **Returns:** the same clip's errors, ``mask`` and ``by`` without the others.
+        **Raises:** ``ValueError`` for any other number.
+
+        **Example:**
+
+            >>> import jax, jaxmotion as jm
+            >>> walk = jm.samples.load("walk", fps=24.0, num_frames=120).motion
+            >>> broken = jm.samples.offset_joints(walk, jax.random.key(0), runs=1).motion
+            >>> sure = jm.cleaning.detect_errors(broken).at_least(0.8)
+            >>> all(run.confidence >= 0.8 for run in sure.runs)
+            True
+        """
+        least = checked_confidence("at_least", confidence)
+        mask = np.asarray(self.mask)
+        sure = mask & (np.asarray(self.mdm) >= least)
+        kept = hysteresis(jnp.asarray(sure), jnp.asarray(mask))
+        told = self.by.items()
+        by: dict[Detector, Any] = {name: jnp.asarray(np.asarray(x) & kept) for name, x in told}
+        return DetectedErrors(kept, self.mdm, self.digression, by, self.motion)
+
     def _words(self) -> Iterator[str]:
         yield some(self.mask.shape[0], "frame")
         yield some(self.mask.shape[1], "joint")
@@ -144,6 +168,14 @@ def detect_errors(
         raise ValueError(f"{caller}: passes={passes!r}; expected a whole number of at least 1")
     evidence = examined(caller, motion, context, k, progress)
     return detected(evidence, levels_beside(caller, motion, context, k, levels), motion, passes)
+
+
+def checked_confidence(caller: str, confidence: ScalarLike) -> float:
+    """The number, if it is a confidence; else ``ValueError``."""
+    least = float(np.asarray(one_number(f"{caller}: confidence", confidence)))
+    if not 0 <= least <= 1:
+        raise ValueError(f"{caller}: confidence is {least:g}; expected a number from 0 to 1")
+    return least
 
 
 def levels_beside(

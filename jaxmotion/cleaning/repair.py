@@ -21,7 +21,7 @@ Source: Aristidou et al. 2018, §5, whose quadratic Savitzky–Golay filter over
 """
 
 from collections.abc import Iterator, Sequence
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -32,9 +32,14 @@ from jaxmotion._checks import known, one_of, static
 from jaxmotion._entry import one_clip
 from jaxmotion._portable import Portable
 from jaxmotion._summary import called, line
-from jaxmotion._types import AnyArray, ArrayLike
+from jaxmotion._types import AnyArray, ArrayLike, ScalarLike
 from jaxmotion.cleaning.body import as_lean, from_lean
-from jaxmotion.cleaning.detect import DetectedErrors, detected, levels_beside
+from jaxmotion.cleaning.detect import (
+    DetectedErrors,
+    checked_confidence,
+    detected,
+    levels_beside,
+)
 from jaxmotion.cleaning.digression import Progress
 from jaxmotion.cleaning.jumps import jumps
 from jaxmotion.cleaning.levels import Evidence, Levels, examined
@@ -80,7 +85,8 @@ class Repaired(Portable):
     """A clip of T frames, repaired.
 
     **Fields:** ``motion``: the clip, bit for bit as it was where ``mask`` bool[T, J] is not set;
-    ``before``: as it was given; ``errors``: :class:`DetectedErrors`, None where a mask was given.
+    ``before``: as it was given; ``errors``: :class:`DetectedErrors`, all that were found, None
+    where a mask was given.
     """
 
     motion: Motion
@@ -117,6 +123,7 @@ def repair(
     joint_mask: ArrayLike | None = None,
     method: Method = "median",
     blend: Blend = "residual",
+    confidence: ScalarLike = 0.0,
     k: int = 8,
     levels: Sequence[Levels] | None = None,
     progress: Progress | None = None,
@@ -137,10 +144,12 @@ def repair(
       ``contacts`` say which of them stands best, of a limb that one.
     - ``blend``: "residual", or "savgol" for the paper's filter of 9 frames over the edges, which
       changes 4 frames beside each run as well.
+    - ``confidence``: the least of errors to repair, from 0 to 1; those found below it stay as they
+      are (:meth:`DetectedErrors.at_least`).
 
     **Returns:** :class:`Repaired`; the motion given, bit for bit, where nothing is in error.
     **Raises:** ``ValueError`` as :func:`detect_errors`; for masks of other shapes, contacts of
-    another number of frames, or unknown names.
+    another number of frames, a confidence that is none, or unknown names.
 
     **Example:**
 
@@ -155,6 +164,7 @@ def repair(
     caller = "repair"
     one_of(f"{caller}: method", method, METHODS)
     one_of(f"{caller}: blend", blend, ("residual", "savgol"))
+    least = checked_confidence(caller, confidence)
     one_clip(caller, motion, on_host=True)
     shape = np.shape(motion.rotations)[:2]
     free = _mask(caller, "joint_mask", joint_mask, shape[1:])
@@ -163,9 +173,8 @@ def repair(
     if known_wrong is None:
         usual = levels_beside(caller, motion, context, k, levels)
         errors = detected(evidence, usual, motion)
-    return repaired(
-        evidence, motion, errors, known_wrong, free, contacts=contacts, method=method, blend=blend
-    )
+    ways: Any = {"contacts": contacts, "method": method, "blend": blend, "confidence": least}
+    return repaired(evidence, motion, errors, known_wrong, free, **ways)
 
 
 def repaired(
@@ -178,11 +187,14 @@ def repaired(
     contacts: Contacts | None = None,
     method: Method = "median",
     blend: Blend = "residual",
+    confidence: ScalarLike = 0.0,
 ) -> Repaired:
-    """A clip without the ``errors`` that were found, or what is known to be wrong, by what is known
-    of it."""
+    """A clip without the ``errors`` of some ``confidence`` that were found, or what is known to be
+    wrong, by what is known of it."""
     if errors is not None:
-        wrong = _grown(np.asarray(errors.mask), evidence.jump, float(motion.fps))
+        sure = np.asarray(errors.at_least(confidence).mask)
+        left = np.asarray(errors.mask) & ~sure
+        wrong = _grown(sure, evidence.jump, float(motion.fps)) & ~left
     else:
         wrong = evidence.missing if known_wrong is None else known_wrong | evidence.missing
     wrong = wrong & free

@@ -66,15 +66,33 @@ def largest(rows: Sequence[Row]) -> str:
     return f"largest, in {_frames(row)}: {_joints(row)} by {row['change']:.3g}°"
 
 
-def listed(rows: Sequence[Row]) -> list[str]:
-    """A line a run that was found."""
-    frames = [_frames(row) for row in rows]
+def told(rows: Sequence[Row], share: float, done: str, left: Sequence[Row], least: float) -> str:
+    """:func:`counted`, and how many runs were ``left`` for want of confidence."""
+    many = f"{len(left)} run{'s' * (len(left) > 1)}"
+    parts = [counted(rows, share, done)] if rows else []
+    parts += [f"{many} of confidence below {least:g} left"] if left else []
+    return "; ".join(parts) or "nothing found"
+
+
+def surest(rows: Sequence[Row]) -> str:
+    """Of runs that were left that of the greatest confidence, in a line; "" for none."""
+    if not rows:
+        return ""
+    row = max(rows, key=lambda row: row["confidence"])
+    return f"left, in {_frames(row)}: {_joints(row)}, confidence {row['confidence']:.2f}"
+
+
+def listed(rows: Sequence[Row], left: Sequence[Row] = ()) -> list[str]:
+    """A line a run that was found, in order; those that are ``left`` are marked."""
+    marked = [(row, "") for row in rows] + [(row, ", left") for row in left]
+    marked.sort(key=lambda pair: pair[0]["start"])
+    frames = [_frames(row) for row, _ in marked]
     width = max(map(len, frames), default=0)
     return [
         f"  {text:<{width}}  {row['seconds']:6.2f} to {row['seconds'] + row['lasts']:.2f} s  "
         f"{_joints(row)}, {row['size']:.3g}°, {', '.join(row['detectors'])}, "
-        f"confidence {row['confidence']:.2f}"
-        for text, row in zip(frames, rows, strict=True)
+        f"confidence {row['confidence']:.2f}{mark}"
+        for text, (row, mark) in zip(frames, marked, strict=True)
     ]
 
 

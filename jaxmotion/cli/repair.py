@@ -35,6 +35,7 @@ class Wanted:
     context: tuple[str, ...]
     method: Any
     joints: tuple[str, ...]
+    confidence: float
     keep_contacts: bool
 
 
@@ -63,6 +64,14 @@ class Wanted:
     help="Only joints whose names match, such as 'Left*'; may be repeated.",
 )
 @click.option(
+    "--confidence",
+    type=click.FloatRange(0, 1),
+    default=0.0,
+    show_default=True,
+    help="The least confidence of errors to repair, such as 0.8; those below it are told of, and "
+    "left as they are.",
+)
+@click.option(
     "--keep-contacts/--no-keep-contacts",
     default=True,
     show_default=True,
@@ -83,6 +92,7 @@ def command(
     \b
     jaxmotion repair takes -o clean --report report.html
     jaxmotion repair takes --detect-only
+    jaxmotion repair takes -o clean --confidence 0.8
     jaxmotion repair take.bvh -o clean.bvh --context good-takes --joint '*Arm*'
     """
     from jaxmotion.cli import _batch, _files
@@ -101,17 +111,22 @@ def command(
 
 
 def _repair(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
+    import numpy as np
+
     from jaxmotion import metrics
-    from jaxmotion.cleaning.detect import detected
-    from jaxmotion.cleaning.repair import repaired
+    from jaxmotion.cleaning.repair import Repaired, repaired
     from jaxmotion.cli import _pictures, _runs
     from jaxmotion.cli._compared import compared, is_page
     from jaxmotion.cli._work import Clip, Effect, finite, write
 
     motion, around, free = _read(batch.reading, wanted, job)
-    errors = detected(around.evidence, around.levels, motion)
-    found = repaired(around.evidence, motion, errors, None, free, method=wanted.method)
+    errors, sure, left = _errors(motion, around, free, wanted.confidence)
+    least = wanted.confidence
+    found = repaired(
+        around.evidence, motion, errors, None, free, method=wanted.method, confidence=least
+    )
     found, skate = _planted(found, free, wanted.keep_contacts)
+    found = Repaired(found.motion, found.mask, found.before, sure)
     rows, result = _runs.of_repair(found), finite(found.motion)
     if rows:
         write(result, job.target, overwrite=batch.overwrite, up=batch.out_up)
@@ -119,11 +134,11 @@ def _repair(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
         _copy(result, job, batch)
     change = metrics.difference(motion, result, world=batch.report is not None)
     share = float(found.mask.mean())
-    message = _runs.counted(rows, share, "repaired") if rows else "nothing found"
-    if rows and found.errors is not None:
-        message += f" ({100 * float((found.errors.mask & free).mean()):.2g} % were found in error)"
-    note = "; ".join(filter(None, (_runs.largest(rows), str(around))))
-    learned, drawings = _for_report(batch, around, rows), ()
+    seen = 100 * float(np.asarray(sure.mask).mean())
+    done = f"repaired ({seen:.2g} % were found in error)"
+    message = _runs.told(rows, share, done, left, least)
+    note = "; ".join(filter(None, (_runs.largest(rows), _runs.surest(left), str(around))))
+    learned, drawings = _for_report(batch, around, rows, left, least), ()
     if is_page(batch.report):
         drawings = _pictures.of_repair(found)
     both, title = {"before": motion, "after": result}, job.source.name
@@ -134,22 +149,23 @@ def _repair(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
 
 def _look(batch: Batch, wanted: Wanted, job: Job) -> "Effect":
     """What a file's errors are; writes nothing."""
-    from jaxmotion.cleaning.detect import detected
     from jaxmotion.cli import _pictures, _runs
     from jaxmotion.cli._compared import compared, is_page
     from jaxmotion.cli._work import Clip, Effect
 
     motion, around, free = _read(batch.reading, wanted, job)
-    found = _only(detected(around.evidence, around.levels, motion), free)
+    least = wanted.confidence
+    _, found, left = _errors(motion, around, free, least)
     rows = _runs.of_errors(found)
     share = float(found.mask.mean())
-    message = _runs.counted(rows, share, "in error") if rows else "nothing found"
+    message = _runs.told(rows, share, "in error", left, least)
+    lines = _runs.listed(rows, left)
     drawings = _pictures.of_errors(found) if is_page(batch.report) else ()
     return Effect(
         (Clip.of(motion),),
         message=message,
-        learned=_for_report(batch, around, rows),
-        note="\n".join(filter(None, (*_runs.listed(rows), f"  {around}" * bool(str(around))))),
+        learned=_for_report(batch, around, rows, left, least),
+        note="\n".join(filter(None, (*lines, f"  {around}" * bool(str(around))))),
         drawings=drawings,
         compared=compared({job.source.stem: motion}, batch.report, job.source.name, errors=found),
     )
@@ -176,12 +192,24 @@ def _read(reading: Reading, wanted: Wanted, job: Job) -> "tuple[Motion, Beside, 
     return motion, shelf(wanted.context, reading).beside(job.source, motion), free
 
 
-def _only(found: "DetectedErrors", free: "np.ndarray") -> "DetectedErrors":
-    """Errors of some joints."""
+def _errors(
+    motion: "Motion", around: "Beside", free: "np.ndarray", confidence: float
+) -> "tuple[DetectedErrors, DetectedErrors, list[dict[str, Any]]]":
+    """Those found; of the joints that are meant those of some confidence, and rows of the rest."""
+    from jaxmotion.cleaning.detect import detected
+    from jaxmotion.cli import _runs
+
+    found = detected(around.evidence, around.levels, motion)
+    sure = _only(found.at_least(confidence), free)
+    return found, sure, _runs.of_errors(_only(found, ~sure.mask & free))
+
+
+def _only(found: "DetectedErrors", meant: Any) -> "DetectedErrors":
+    """Errors of some joints, or entries."""
     import equinox as eqx
     import jax
 
-    masks = jax.tree.map(lambda mask: mask & free, (found.mask, found.by))
+    masks = jax.tree.map(lambda mask: mask & meant, (found.mask, found.by))
     return eqx.tree_at(lambda errors: (errors.mask, errors.by), found, masks)
 
 
@@ -233,11 +261,18 @@ def _copy(motion: "Motion", job: Job, batch: Batch) -> None:
         write(motion, job.target, overwrite=batch.overwrite, up=batch.out_up)
 
 
-def _for_report(batch: Batch, around: "Beside", rows: list[dict[str, Any]]) -> "Learned":
+def _for_report(
+    batch: Batch,
+    around: "Beside",
+    rows: list[dict[str, Any]],
+    left: list[dict[str, Any]],
+    least: float,
+) -> "Learned":
     """What goes into a report, if there is one."""
     from jaxmotion.cli._beside import named
 
     if batch.report is None:
         return {}
     left_out = {"other_joints": around.other, "unreadable": around.unreadable}
-    return {"context": named(around.paths), "left_out": left_out, "runs": rows}
+    learned = {"context": named(around.paths), "left_out": left_out, "runs": rows}
+    return learned | ({"least_confidence": least, "runs_left": left} if least else {})

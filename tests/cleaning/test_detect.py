@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.cleaning import Levels, clean_levels, detect_errors
+from jaxmotion.cleaning import DetectedErrors, Levels, clean_levels, detect_errors
 from jaxmotion.cleaning.detect import _Usual
 from tests.cleaning.clips import pacing, turned
 from tests.cleaning.oracles import (
@@ -255,3 +255,37 @@ def test_what_is_wrong_is_said(context):
         jax.jit(lambda m: detect_errors(m).mask)(motion)
     with pytest.raises(ValueError, match="one clip at a time"):
         detect_errors(jm.stack([motion, motion])[0])
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_errors_of_some_confidence_by_hand(dtype):
+    """A joint's frames on end stay whole or go whole, by the surest of them."""
+    runs = {(2, 5, 0): 0.55, (4, 9, 1): 0.9, (9, 12, 0): 0.8, (20, 22, 1): 0.799, (30, 31, 3): 1.0}
+    mask, mdm = np.zeros((40, 5), bool), np.full((40, 5), 0.3, dtype)
+    for (start, stop, joint), sure in runs.items():
+        mask[start:stop, joint] = True
+        mdm[(start + stop) // 2, joint] = sure
+    by = {"digression": mask & (np.arange(5) < 2), "jump": mask & (np.arange(5) > 0)}
+    found = DetectedErrors(mask, mdm, mdm, by, pacing(0, 40))
+    for least in (0, 0.3, 0.55, 0.6, 0.8, 0.85, 1):
+        wanted = np.zeros((40, 5), bool)
+        for (start, stop, joint), sure in runs.items():
+            wanted[start:stop, joint] = np.asarray(sure, dtype) >= np.asarray(least, dtype)
+        kept = found.at_least(least)
+        np.testing.assert_array_equal(kept.mask, wanted)
+        for name, told in by.items():
+            np.testing.assert_array_equal(kept.by[name], told & wanted)
+        np.testing.assert_array_equal(kept.mdm, mdm)
+        assert kept.motion is found.motion
+        assert all(run.confidence >= np.asarray(least, dtype) for run in kept.runs)
+    assert found.mask is mask
+
+
+@pytest.mark.parametrize("number", [-0.1, 1.1, float("nan"), np.ones(2)])
+def test_a_confidence_that_is_none(drifting, number):
+    none = np.zeros((40, 5))
+    found = DetectedErrors(none > 0, none, none, {}, pacing(0, 40))
+    with pytest.raises(ValueError, match="at_least: confidence"):
+        found.at_least(number)
+    with pytest.raises(ValueError, match="repair: confidence"):
+        jm.cleaning.repair(drifting, confidence=number)

@@ -8,9 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 import jaxmotion as jm
-from jaxmotion.cleaning import repair
+from jaxmotion.cleaning import DetectedErrors, detect_errors, repair
 from jaxmotion.cleaning.jumps import jumps
+from jaxmotion.cleaning.levels import examined
 from jaxmotion.cleaning.repair import _grown
+from jaxmotion.cleaning.repair import repaired as repaired_of
 from jaxmotion.cleaning.shown import METHODS
 from tests.cleaning.clips import pacing, turned
 from tests.cleaning.oracles import ShownByHand, median_by_hand
@@ -373,3 +375,39 @@ def test_what_is_wrong_is_said(clean, broken):
     contacts = jm.contacts.detect(clean[:40], joints=["foot"])
     with pytest.raises(ValueError, match="repair"):
         repair(broken, mask=masked((40, 52, 2)), contacts=contacts)
+
+
+def test_errors_of_little_confidence_stay(broken, context):
+    """Bit for bit; the others are repaired as if those had not been found."""
+    both = turned(broken, 3, np.arange(62, 72), [0.5, 0, 0])
+    arm, leg = sorted(detect_errors(both, context).runs, key=lambda run: run.start)
+    assert (arm.joints, leg.joints) == (("arm",), ("leg",))
+    assert leg.confidence < arm.confidence
+    done = repair(both, context, confidence=(leg.confidence + arm.confidence) / 2)
+    np.testing.assert_array_equal(done.mask, masked((40, 52, 2)))
+    same_outside(done, both)
+    every = repair(both, context)
+    assert np.asarray(every.mask)[62:72, 3].all()
+    for name in ("mask", "mdm"):  # all that was found is told
+        np.testing.assert_array_equal(getattr(done.errors, name), getattr(every.errors, name))
+    for least in (0.0, leg.confidence):
+        again = repair(both, context, confidence=least)
+        np.testing.assert_array_equal(again.motion.rotations, every.motion.rotations)
+    assert repair(both, context, confidence=1.0).motion is both
+
+
+def test_what_is_repaired_does_not_grow_into_what_stays(clean, context):
+    """The jump at the end of the error lies beyond a frame that is left."""
+    motion = turned(clean, 2, np.arange(40, 54), [1.0, 0.3, 0])
+    mask, mdm = masked((40, 52, 2), (53, 56, 2)), np.full((90, 5), 0.4)
+    mdm[45, 2], mdm[54, 2] = 0.9, 0.6
+    errors = DetectedErrors(mask, mdm, mdm, {"jump": mask}, motion)
+    evidence = examined("repair", motion, context, K, None)
+    ways = evidence, motion, errors, None, np.ones(5, bool)
+    np.testing.assert_array_equal(
+        np.flatnonzero(_grown(masked((40, 52, 2)), evidence.jump, 24.0)[:, 2]), np.arange(40, 54)
+    )
+    done = repaired_of(*ways, confidence=0.8)
+    np.testing.assert_array_equal(done.mask, masked((40, 53, 2)))
+    same_outside(done, motion)
+    assert np.asarray(repaired_of(*ways).mask)[40:56, 2].all()

@@ -149,6 +149,53 @@ def test_detect_only_writes_nothing(jaxmotion, takes, clips, tmp_path):
     assert "exists; add --overwrite" in jaxmotion(*words, "--report", report, code=2).stderr
 
 
+def test_errors_of_little_confidence_are_told_and_left(jaxmotion, takes, clips, tmp_path):
+    """Their joints stay bit for bit, where they are found and where they are repaired."""
+    walk, case, _ = clips
+    (takes / "dog.bvh").unlink()
+    (takes / "a.bvh").unlink()
+    joint = walk.skeleton.index("RightArm")
+    q = np.array(case.motion.rotations)
+    turn = jm.quaternion.exp(np.array([0.35, 0, 0]))
+    q[70:82, joint] = jm.quaternion.multiply(q[70:82, joint], turn)
+    a = takes / "a.npz"
+    jm.save(case.motion.with_transforms(rotations=q), a)
+    lines = jaxmotion("repair", a, "--context", takes / "b.bvh", "--detect-only").stdout.split("\n")
+    told = {name: line for line in lines for name in ("LeftArm", "RightArm") if name in line}
+    sure = {name: float(line[-4:]) for name, line in told.items()}
+    assert sure["RightArm"] < sure["LeftArm"] - 0.05
+    report, least = tmp_path / "r.json", (sure["RightArm"] + sure["LeftArm"]) / 2
+    words = "repair", a, "--context", takes / "b.bvh", "--confidence", least, "--report", report
+    text = jaxmotion(*words, "--detect-only").stdout
+    assert f"in error; 1 run of confidence below {least:g} left\n" in text
+    assert f"{told['RightArm']}, left\n" in text
+    assert f"{told['LeftArm']}\n" in text
+    looked = record_in(report)["files"][0]
+    page, out = tmp_path / "r.html", tmp_path / "out.npz"
+    text = jaxmotion(*words[:-1], page, "-o", out).stderr
+    assert f"; 1 run of confidence below {least:g} left" in text
+    last = told["RightArm"].split()[-1]
+    assert re.search(rf"left, in frames \d+-\d+: RightArm, confidence {last}", text)
+    repaired = record_in(page)["files"][0]
+    assert "<h4>runs_left</h4>" in page.read_text()
+    for entry in (looked, repaired):
+        assert entry["learned"]["least_confidence"] == least
+        assert [row["joints"] for row in entry["learned"]["runs"]] == [["LeftArm"]]
+        [row] = entry["learned"]["runs_left"]
+        assert row["joints"] == ["RightArm"]
+        assert row["confidence"] == pytest.approx(sure["RightArm"], abs=0.006)
+    made = np.asarray(jm.load(out).rotations)
+    np.testing.assert_array_equal(made[:, joint], np.asarray(jm.load(a).rotations)[:, joint])
+    assert off(walk, out, case.mask)[0] < 8
+    every = jaxmotion(*words[:4], "-o", tmp_path / "all.npz").stderr
+    assert "2 runs, " in every
+    assert "left" not in every
+    text = jaxmotion(*words[:4], "--confidence", 1, "-o", tmp_path / "none.npz").stderr
+    assert "none.npz: 2 runs of confidence below 1 left" in text
+    for number in ("-0.1", "1.1", "nan"):
+        jaxmotion(*words[:4], "--confidence", number, "--detect-only", code=2)
+
+
 def test_feet_come_back(jaxmotion, tmp_path):
     """A knee that was repaired stands where its foot does."""
     walk = walking()
