@@ -129,7 +129,8 @@ def look(
         say(f"nothing would be written; {len(jobs)} files would be looked at.", err=True)
         raise click.exceptions.Exit(0)
     failed = 0
-    with Report(batch.report, jobs, overwrite=batch.overwrite or batch.resume) as report:
+    replaced = batch.overwrite or batch.resume
+    with Report(batch.report, jobs, overwrite=replaced, resume=batch.resume) as report:
         little = not heavy and _session.is_little(job.source for job in jobs)
         for outcome in _results(process, jobs, batch, running, lambda: None, little, nothing):
             if outcome.status == "failed":

@@ -34,15 +34,15 @@ are in degrees, lengths in the file's own unit, times in UTC; what is not known 
 | ``learned`` | what the command learned of the clip, by name: values and tables |
 
 A file that ``--resume`` skips keeps its entry in the report that is there, if its outputs are still
-those of it, and its pictures and player, which only a page has. Of one file a page holds the player
-itself.
+those of it, and its pictures and player, which only a page has. So do, after the others and as
+skipped, files of that report that are not among the inputs now, if it was of the same command and
+options. Of one file a page holds the player itself.
 """
 
 import contextlib
 import datetime
 import functools
 import hashlib
-import json
 import math
 import os
 import re
@@ -51,7 +51,7 @@ from collections.abc import Callable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote, unquote_to_bytes
+from urllib.parse import quote
 
 import click
 
@@ -60,9 +60,10 @@ from jaxmotion._plain import as_json, irregular
 from jaxmotion.cli import _leaving
 from jaxmotion.cli._app import described
 from jaxmotion.cli._compared import Compared, is_page
+from jaxmotion.cli._earlier import Earlier, sha256
 from jaxmotion.cli._files import Job
 from jaxmotion.cli._options import NOWHERE, asked_for
-from jaxmotion.cli._page import PLAYER, RECORD, as_text, page, pictures_in
+from jaxmotion.cli._page import PLAYER, page
 from jaxmotion.cli._pictures import shown
 from jaxmotion.cli._terminal import say
 from jaxmotion.cli._work import Clip, Effect, Outcome
@@ -87,7 +88,8 @@ class Report:
 
     **Arguments:** ``jobs``: all there are; ``writes``: the files that come of a target; ``others``:
     other clips that go into the first job; ``overwrite``: whether a report may be replaced;
-    ``resume``: whether entries of the one that is there are kept for outcomes that are skipped.
+    ``resume``: whether entries of the one that is there are kept, of outcomes that are skipped and
+    of files that are not among the jobs.
     **Raises:** ``click.UsageError`` for a report that exists or is no file.
     """
 
@@ -114,7 +116,7 @@ class Report:
             if there is not None and there.exists() and not overwrite:
                 raise click.UsageError(f"{there} exists; add --overwrite")
         self._jobs, self._writes, self._others = jobs, writes, others
-        self._earlier, self._kept = _earlier(path) if resume else ({}, {})
+        self._earlier = Earlier(path if resume else None)
         self._pictures: dict[str, str] = {}
         self._entries: dict[Path, dict[str, Any]] = {}
         context = click.get_current_context()
@@ -126,6 +128,10 @@ class Report:
             "options": options,
             "preset": context.meta.get("jaxmotion.preset"),
             "begun": _now(),
+        }
+        self._others_then = self._earlier.others(jobs, self._head)
+        self._pictures |= {
+            entry["input"]: self._earlier.pictures[entry["input"]] for entry in self._others_then
         }
         self._states = {name: _state(name) for job in jobs for name in self._read_for(job)}
 
@@ -157,13 +163,9 @@ class Report:
             return
         job = outcome.job
         entry = self._entry(outcome)
-        if outcome.status == "skipped":
-            earlier = self._earlier.get(str(job.target), {})
-            if earlier.get("made") == entry["made"]:
-                entry = {**earlier, "status": "skipped", "message": outcome.message}
-                if entry["player"] and not self._is_there(entry["player"]):
-                    entry["player"] = None
-                self._pictures[entry["input"]] = self._kept.get(entry["input"], "")
+        if outcome.status == "skipped" and (earlier := self._earlier.of(entry)):
+            entry = earlier
+            self._pictures[entry["input"]] = self._earlier.pictures[entry["input"]]
         if outcome.effect is not None:
             effect = outcome.effect
             parts = [shown(effect.drawings)] if effect.drawings else []
@@ -176,11 +178,6 @@ class Report:
                     entry["player"] = self._written(effect.compared.page, job)
             self._pictures[entry["input"]] = "\n".join(parts)
         self._entries[job.source] = entry
-
-    def _is_there(self, link: str) -> bool:
-        """Whether a page that the report links to is there still."""
-        assert self._path is not None
-        return (self._path.parent / os.fsdecode(unquote_to_bytes(link))).is_file()
 
     def _written(self, text: str, job: Job) -> str:
         """A player's page, in the folder beside the report, and how the report calls it."""
@@ -223,7 +220,7 @@ class Report:
         first, *others = (
             {
                 "input": str(name),
-                "sha256": None if name in changed else _sha256(name),
+                "sha256": None if name in changed else sha256(name),
                 **_clip(clips.get(name)),
             }
             for name in names
@@ -237,7 +234,7 @@ class Report:
             "warnings": [*outcome.warnings, *warnings],
             "seconds": round(outcome.seconds, 3),
             "with": others,
-            "made": {str(p): _sha256(p) for p in self._writes(job.target)} if is_made else {},
+            "made": {str(p): sha256(p) for p in self._writes(job.target)} if is_made else {},
             "result": effect.made and _clip(effect.made),
             "changes": effect.change and _changes(effect.change),
             "feet": effect.skate and _feet(effect.skate),
@@ -250,6 +247,7 @@ class Report:
 
         assert self._path is not None
         entries = [self._entries.get(job.source) or _blank(job) for job in self._jobs]
+        entries += self._others_then
         counts = {status: sum(e["status"] == status for e in entries) for status in STATUSES}
         record = {**self._head, "ended": _now(), "end": end, "counts": counts, "files": entries}
         is_json = self._path.suffix.lower() == ".json"
@@ -316,30 +314,6 @@ def _feet(skate: "Skate") -> dict[str, Any]:
 
 def _jerk(beside: Compared) -> dict[str, Any]:
     return dict(zip(("before", "after"), beside.jerk, strict=True))
-
-
-def _earlier(path: Path) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
-    """The entries of a report that is there, by output, and pictures by input; none if it is not to
-    be read."""
-    try:
-        text = path.read_text("utf-8")
-        pictures = pictures_in(text)
-        if path.suffix.lower() != ".json":
-            text = re.findall(RECORD, text, re.DOTALL)[0]
-        entries = json.loads(text)["files"]
-        return {entry["output"]: entry for entry in entries}, {
-            entry["input"]: pictures.get(as_text(entry["input"]), "") for entry in entries
-        }
-    except (OSError, ValueError, LookupError, TypeError):
-        return {}, {}
-
-
-def _sha256(path: Path) -> str | None:
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return None
 
 
 def _state(path: Path) -> tuple[int, int] | None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.cli import _batch, _report, _work
+from jaxmotion.cli import _batch, _page, _report, _work
 from jaxmotion.cli._files import Job
 from tests.cli.conftest import record_in, swinging
 from tests.helpers import quaternions_by
@@ -322,6 +322,94 @@ def test_resume_keeps_what_is_known_of_outputs_that_are_there(jaxmotion, takes, 
     report.write_text("nonsense")
     jaxmotion(*words, "--resume", code=1)
     assert read(report)["files"][0]["frames"] is None
+
+
+@pytest.mark.parametrize("suffix", ["json", "html"])
+@pytest.mark.parametrize("given", ["the folder", "the new file", "from elsewhere"])
+def test_resume_adds_to_the_report(jaxmotion, takes, tmp_path, monkeypatch, suffix, given):
+    """A file that was done before keeps its row and what there is to look at, whether it is given
+    again or not, and whatever the folders are called from where the program runs."""
+    monkeypatch.chdir(tmp_path)
+    (takes / "b.bvh").unlink()
+    later = (takes / "c.bvh").rename(tmp_path / "c.bvh")
+    report = tmp_path / f"r.{suffix}"
+    words = ("denoise", "-o", "out", "--report", report)
+    jaxmotion(*words, "takes")
+    [first] = read(report)["files"]
+    assert first["changes"]["frames_changed"] == 6
+    later.rename(takes / "c.bvh")
+    if given == "from elsewhere":
+        monkeypatch.chdir(takes)
+        jaxmotion("denoise", "-o", "../out", "--report", report, ".", "--resume")
+    else:
+        files = "takes" if given == "the folder" else "takes/c.bvh"
+        out = "out" if given == "the folder" else "out/c.bvh"
+        jaxmotion("denoise", "-o", out, "--report", report, files, "--resume")
+    record = read(report)
+    rows = {row["input"].split("/")[-1]: row for row in record["files"]}
+    assert list(rows) == (["c.bvh", "a.bvh"] if given == "the new file" else ["a.bvh", "c.bvh"])
+    assert record["counts"] == dict.fromkeys(_report.STATUSES, 0) | {"skipped": 1, "written": 1}
+    assert (rows["c.bvh"]["status"], rows["a.bvh"]["status"]) == ("written", "skipped")
+    if given == "from elsewhere":
+        first = first | {"input": "a.bvh", "output": "../out/a.bvh"}
+        first["made"] = {"../out/a.bvh": first["made"]["out/a.bvh"]}
+    said = first["message"] or ("newer than its input" if given != "the new file" else "")
+    assert rows["a.bvh"] == first | {"status": "skipped", "message": said}
+    text = report.read_text("utf-8")
+    if suffix == "html":
+        assert all(f"<td>{row['input']}" in text for row in rows.values())
+        assert text.count('class="skipped"') == text.count('class="written"') == 1
+        assert "<iframe" in _page.pictures_in(text)[first["input"]]
+
+
+def test_what_an_earlier_report_no_longer_knows(jaxmotion, takes, tmp_path):
+    """Rows of outputs that are gone or others now, and of runs that were asked for other things."""
+    report, out = tmp_path / "r.json", tmp_path / "out"
+    words = ("convert", "--to", "npz", "-o", out, "--report", report)
+    jaxmotion(*words, takes, code=1)
+
+    def rows(*more, file="c.bvh"):
+        jaxmotion(*words, takes / file, "--resume", "--overwrite", *more)
+        return [row["input"].split("/")[-1] for row in read(report)["files"]]
+
+    before = report.read_text()
+    assert rows() == ["c.bvh", "a.bvh"]  # b failed: nothing of it was done
+    report.write_text(before)
+    assert rows("--fps", 50) == ["c.bvh"]
+    jaxmotion(*words, takes, "--overwrite", code=1)
+    before = report.read_text()
+    (out / "a.npz").write_text("other")
+    assert rows() == ["c.bvh"]
+    report.write_text(before)
+    (out / "a.npz").unlink()
+    assert rows() == ["c.bvh"]
+
+
+def test_what_repair_said_is_kept(jaxmotion, takes, tmp_path):
+    (takes / "b.bvh").unlink()
+    report = tmp_path / "r.html"
+    words = ("repair", takes, "-o", tmp_path / "out", "--report", report)
+    jaxmotion(*words)
+    said = [row["message"] for row in read(report)["files"]]
+    assert said == ["nothing found"] * 2
+    jaxmotion(*words, "--resume")
+    assert [(row["status"], row["message"]) for row in read(report)["files"]] == [
+        ("skipped", text) for text in said
+    ]
+
+
+def test_looking_again_keeps_files_that_are_not_given(jaxmotion, takes, tmp_path):
+    (takes / "b.bvh").unlink()
+    report = tmp_path / "r.json"
+    words = ("repair", "--detect-only", "--report", report)
+    jaxmotion(*words, takes / "a.bvh")
+    jaxmotion(*words, takes / "c.bvh", "--resume")
+    files = read(report)["files"]
+    assert [row["status"] for row in files] == ["read", "skipped"]
+    assert [row["frames"] for row in files] == [9, 6]
+    jm.save(swinging(7), takes / "a.bvh", overwrite=True)
+    jaxmotion(*words, takes / "c.bvh", "--resume")
+    assert len(read(report)["files"]) == 1
 
 
 def test_the_first_failure_ends_it(jaxmotion, takes, tmp_path):
