@@ -1,10 +1,11 @@
 """A report as a page of HTML that needs nothing else: a table of figures, a row a file, then what
 was learned of each, with pictures. The record itself is in it, for programs.
 
-Rows go in the order of a column whose heading is clicked, downwards, then upwards.
+Rows go in the order of a column whose heading is clicked, downwards, then upwards. A table that is
+wider than the page scrolls in its own box, where its first column stays.
 
-A figure is a row of ``_FIGURES``: where it is in a file's entry, and its heading. Columns without
-any figure are left out, and what results where it is what was there before.
+Figures are those of ``_legend.py``, and so are the words on them. Columns without any figure are
+left out, and what results where it is what was there before.
 """
 
 import html
@@ -14,33 +15,15 @@ from types import MappingProxyType
 from typing import Any
 
 from jaxmotion._plain import as_json, printable
+from jaxmotion.cli._legend import FIGURES, LEARNED, OF_FILES
+
+_NO_WORDS: Mapping[str, str] = MappingProxyType({})
 
 # Where a page holds the record.
 RECORD = r'<script type="application/json" id="record">\n(.*?)\n</script>'
 
 # Where it holds the pictures of a file, by its input as text.
 _PICTURES = r'<div class="pictures" data-input="(.*?)">\n(.*?)\n</div>'
-
-_FIGURES: tuple[tuple[tuple[str, ...], str], ...] = (
-    (("frames",), "frames"),
-    (("rate",), "frames a second"),
-    (("unit",), "metres a length unit"),
-    (("result", "frames"), "frames now"),
-    (("result", "rate"), "a second now"),
-    (("changes", "frames_changed"), "frames changed"),
-    (("changes", "degrees"), "joints turned, degrees"),
-    (("changes", "distance"), "joints and ends moved, length units"),
-    (("changes", "root"), "root moved, length units"),
-    (("feet", "slide_before"), "feet slid, length units a second"),
-    (("feet", "slide_timed"), "in the new timing"),
-    (("feet", "slide_edited"), "feet slide as edited"),
-    (("feet", "slide_after"), "feet slide now"),
-    (("feet", "contacts_restored"), "contacts restored"),
-    (("feet", "root_move"), "which moved the root by up to"),
-    (("jerk", "before"), "jerk before, length units a second³"),
-    (("jerk", "after"), "jerk now"),
-    (("seconds",), "seconds it took"),
-)
 
 _STYLE = """
 :root { color-scheme: light dark; }
@@ -50,14 +33,16 @@ h1 { font-size: 1.5em; margin: 0 0 .4em; overflow-wrap: anywhere; }
 h4 { margin: 1.4em 0 .2em; }
 p { margin: .3em 0; }
 .table { overflow-x: auto; margin: 1em 0; }
-table { border-collapse: collapse; }
+table { border-collapse: separate; border-spacing: 0; }
 th, td { border-bottom: 1px solid #8884; padding: .35em .7em; }
 th, td { text-align: left; vertical-align: top; }
 th { font-weight: 600; font-size: 13px; line-height: 1.3; vertical-align: bottom; }
 th { min-width: 5em; max-width: 10em; }
 td:first-child { min-width: 12em; max-width: 26em; overflow-wrap: anywhere; }
 td.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+th:first-child, td:first-child { position: sticky; left: 0; background-color: Canvas; }
 tbody tr:hover { background: #8881; }
+tbody tr:hover td:first-child { background-image: linear-gradient(#8881, #8881); }
 tr.failed td { color: #c62a3a; }
 tr.skipped td, tr.not-tried td { color: #888; }
 small { color: #888; display: block; }
@@ -70,6 +55,18 @@ details { margin: .6em 0; }
 summary { cursor: pointer; }
 img { max-width: 100%; }
 .pictures { margin: 1em 0; }
+h4.legend { margin: 1.4em 0 .4em; font-size: 13px; }
+dl.legend { columns: 24em; column-gap: 2em; margin: 0 0 1.4em; font-size: 13px; }
+dl.legend div { break-inside: avoid; margin: 0 0 .35em; }
+dt { display: inline; font-weight: 600; }
+dd { display: inline; margin: 0; color: color-mix(in srgb, CanvasText 65%, Canvas); }
+dt::after { content: ": "; }
+@media (max-width: 40em) {
+  body { margin: 1em auto; padding: 0 .75em; }
+  th, td { padding: .35em .5em; }
+  td:first-child { min-width: 8em; max-width: 9em; border-right: 1px solid #8884; }
+  th:first-child { border-right: 1px solid #8884; }
+}
 """
 
 PLAYER = 640  # pixels of height
@@ -99,9 +96,9 @@ for (const table of document.querySelectorAll("table")) {
 def page(record: dict[str, Any], pictures: Mapping[str, str] = MappingProxyType({})) -> str:
     """The page of a report; ``pictures``: HTML by input."""
     entries = record["files"]
-    shown = [(where, heading) for where, heading in _FIGURES if _tells(entries, where)]
-    headings = ["file", "output", "status", *(heading for _, heading in shown)]
-    rows = "\n".join(_row(entry, [where for where, _ in shown]) for entry in entries)
+    shown = [figure for figure in FIGURES if _tells(entries, figure[0])]
+    words = OF_FILES | {heading: meaning for _, heading, meaning in shown}
+    rows = "\n".join(_row(entry, [where for where, *_ in shown]) for entry in entries)
     shows = {entry["input"]: _pictures(entry, pictures) for entry in entries}
     # Of one file what is to be looked at comes first.
     top = shows.pop(entries[0]["input"]) if len(entries) == 1 else ""
@@ -116,8 +113,10 @@ def page(record: dict[str, Any], pictures: Mapping[str, str] = MappingProxyType(
         f"<p><code>{as_text(' '.join(asked.split()))}</code>{preset}</p>",
         f"<p>{_when(record['begun'])} to {_when(record['ended'])}; {versions}</p>",
         top,
-        _table(headings, rows),
+        _table(list(words), rows, words),
+        _legend("What the columns say", words),
         learned,
+        *_legends(entries),
         f'<script type="application/json" id="record">\n{hidden}\n</script>',
     ]
     return document(f"jaxmotion {record['command']}", parts)
@@ -152,10 +151,28 @@ def table_of(
     if not rows:
         return ""
     body = "\n".join(f"<tr>{''.join(map(_cell, row.values()))}</tr>" for row in rows)
-    table, head = _table(headings or list(rows[0]), body), as_text(title)
+    words = _NO_WORDS if headings else LEARNED.get(title, _NO_WORDS)
+    table, head = _table(headings or list(rows[0]), body, words), as_text(title)
     if folded:
         return f"<details><summary>{head}</summary>{table}</details>"
     return f"<h4>{head}</h4>{table}"
+
+
+def _legends(entries: Sequence[dict[str, Any]]) -> list[str]:
+    """Legends of the tables of what was learned, once each."""
+    made = []
+    for name, words in LEARNED.items():
+        rows = [e["learned"][name] for e in entries if _is_table(e["learned"].get(name))]
+        keys = dict.fromkeys(key for table in rows for key in table[0])
+        known = {key: words[key] for key in keys if key in words}
+        made += [_legend(f"What the columns of {name} say", known)] if known else []
+    return made
+
+
+def _legend(title: str, words: Mapping[str, str]) -> str:
+    pairs = (f"<dt>{as_text(n)}</dt><dd>{as_text(text)}</dd>" for n, text in words.items())
+    rows = "\n".join(f"<div>{pair}</div>" for pair in pairs)
+    return f'<h4 class="legend">{as_text(title)}</h4>\n<dl class="legend">\n{rows}\n</dl>'
 
 
 def listed(lines: Sequence[str]) -> str:
@@ -168,9 +185,11 @@ def pictures_in(text: str) -> dict[str, str]:
     return dict(re.findall(_PICTURES, text, re.DOTALL))
 
 
-def _table(headings: Sequence[str], rows: str) -> str:
-    buttons = (f'<button type="button">{as_text(heading)}</button>' for heading in headings)
-    head = "".join(f"<th>{button}</th>" for button in buttons)
+def _table(headings: Sequence[str], rows: str, words: Mapping[str, str] = _NO_WORDS) -> str:
+    """``words``: what columns say, by heading."""
+    titles = [f' title="{as_text(words[name])}"' if name in words else "" for name in headings]
+    buttons = [f'<button type="button">{as_text(heading)}</button>' for heading in headings]
+    head = "".join(f"<th{t}>{button}</th>" for t, button in zip(titles, buttons, strict=True))
     table = f"<table><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>"
     return f'<div class="table">{table}</div>'
 
@@ -260,7 +279,7 @@ def _words(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name}: {_words(item)}" for name, item in value.items())
     if isinstance(value, (list, tuple)):
-        return ", ".join(map(_words, value))
+        return ", ".join(map(_words, value)) or "none"
     return _number(value) if isinstance(value, float) else str(value)
 
 

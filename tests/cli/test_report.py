@@ -8,11 +8,12 @@ from importlib import metadata
 from urllib.parse import unquote
 
 import click
+import jax
 import numpy as np
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.cli import _batch, _page, _report, _work
+from jaxmotion.cli import _batch, _changes, _legend, _page, _report, _runs, _work
 from jaxmotion.cli._files import Job
 from tests.cli.conftest import record_in, swinging
 from tests.helpers import quaternions_by
@@ -150,7 +151,53 @@ def test_a_page(jaxmotion, takes, tmp_path):
 
 def headings(text):
     """Of all tables of a page."""
-    return re.findall(r'<th><button type="button">(.*?)</button></th>', text)
+    return re.findall(r'<th[^>]*><button type="button">(.*?)</button></th>', text)
+
+
+def legends(text):
+    """What is said of columns, by the title of a legend."""
+    parts = re.findall(
+        r'<h4 class="legend">(.*?)</h4>\n<dl class="legend">(.*?)</dl>', text, re.DOTALL
+    )
+    return {title: dict(re.findall("<dt>(.*?)</dt><dd>(.*?)</dd>", rows)) for title, rows in parts}
+
+
+def test_columns_are_explained(jaxmotion, take, tmp_path):
+    """Each heading of the table of files, at the heading and below; those of tables of what was
+    learned as well, once for all files."""
+    report = tmp_path / "r.html"
+    jm.save(swinging(seed=2, noise=0.03), tmp_path / "other.npz")
+    words = ("denoise", take, tmp_path / "other.npz", "-o", tmp_path / "out")
+    jaxmotion(*words, "--report", report)
+    text = report.read_text("utf-8")
+    table = re.findall(r'<div class="table">.*?</div>', text, re.DOTALL)[0]
+    titles = re.findall(r'<th title="(.*?)"><button type="button">(.*?)</button></th>', table)
+    assert len(titles) == len(headings(table)) > 8
+    below = legends(text)
+    assert below["What the columns say"] == {name: title for title, name in titles}
+    assert all(title.endswith(".") for title, _ in titles)
+    assert text.index("What the columns say") < text.index("what was learned of")
+    turns = below["What the columns of turns say"]
+    assert list(turns) == ["lam", "sigma", "hertz", "degrees"]
+    assert text.count(f'title="{turns["hertz"]}"') == 4  # turns and translations of two files
+    assert text.count("What the columns of turns say") == 1
+
+
+def test_every_figure_is_explained():
+    """Also keys of what repair and denoise learn."""
+    for _, heading, meaning in _legend.FIGURES:
+        assert heading
+        assert meaning.endswith(".")
+    walk = jm.samples.load("walk", fps=24.0, num_frames=96).motion
+    broken = jm.samples.offset_joints(walk, jax.random.key(0), runs=1).motion
+    found = jm.cleaning.repair(broken)
+    tables = {
+        "runs": _runs.of_repair(found),
+        "runs_left": _runs.of_errors(found.errors),
+        "changes": _changes.of_joints(broken, walk, 96, None),
+    }
+    for name, rows in tables.items():
+        assert set(rows[0]) - {"joint"} == set(_legend.LEARNED[name]), name
 
 
 def test_players_of_several_files(jaxmotion, takes, tmp_path):

@@ -232,6 +232,12 @@ PAGES = {
         contacts={f"c{k}": jm.contacts.detect(clip()) for k in range(6)},
         errors={f"c{k}": np.arange(60) // 3 == 3 * k + 1 for k in range(6)},
     ),
+    "wide": lambda: Table(
+        [
+            {"file": f"takes/day one/walk {k}.bvh"} | {f"n{c}": 1.5 * c for c in range(20)}
+            for k in "ab"
+        ]
+    ),
     "table": lambda: Table(
         [
             {"file": "take10", "degrees": 0.5},
@@ -792,3 +798,24 @@ def test_tables_of_reports_are_sorted_by_a_click(browser):
     assert click(0) == ["b", "C", "d", "take9", "take10"]
     sorts = "[...document.querySelectorAll('thead th')].map(th => th.getAttribute('aria-sort'))"
     assert browser.get(sorts) == ["ascending", None]
+
+
+@pytest.mark.parametrize("width", [400, 900])
+def test_a_wide_table_scrolls_in_its_box(browser, width):
+    """The page is as wide as the window; the first column stays where it is, over the others."""
+    browser.open("wide", "", (width, 700))
+    place = "(() => { const r = document.querySelector('%s').getBoundingClientRect();"
+    place += " return [r.left, r.right]; })()"
+    box, first, second = ".table", "tbody td", "tbody td:nth-child(2)"
+    before = {name: browser.get(place % name) for name in (box, first, second)}
+    assert before[box][1] <= width
+    assert before[first][1] < 0.6 * width
+    browser.js("document.querySelector('.table').scrollLeft = 300")
+    browser.settle()
+    assert browser.get("document.documentElement.scrollWidth") == width
+    assert browser.get(place % first) == before[first]
+    assert browser.get(place % second)[0] == pytest.approx(before[second][0] - 300, abs=1)
+    at = "document.elementFromPoint({}, document.querySelector('tbody td').{}.top + 5).cellIndex"
+    assert browser.get(at.format(before[first][1] - 3, "getBoundingClientRect()")) == 0
+    colour = browser.get("getComputedStyle(document.querySelector('tbody td')).backgroundColor")
+    assert re.fullmatch(r"rgb\(.*\)", colour), "what is beneath shows through"
