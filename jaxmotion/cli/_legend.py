@@ -65,7 +65,8 @@ FIGURES: tuple[tuple[tuple[str, ...], str, str], ...] = (
     (
         ("feet", "contacts_restored"),
         "contacts restored",
-        "How often a foot that stood stands still again. 0: feet needed nothing.",
+        "How many were made to stand still, each of a heel or a ball from when it touches to when "
+        "it leaves. 0: feet needed nothing.",
     ),
     (
         ("feet", "root_move"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.cli._feet import _carried
+from jaxmotion.cli._feet import _carried, counted
 from jaxmotion.metrics import foot_skate
 from tests.helpers import assert_same_rotation
 
@@ -50,8 +50,19 @@ def test_restore(jaxmotion, file, tmp_path, skating, way):
     told = jaxmotion("contacts", file, "-o", out, "--restore", way).stderr
     found = jm.contacts.detect(skating)
     before, after = (skate(motion, found) for motion in (skating, jm.load(out)))
-    assert f"feet slid at {before:.3g}, now {after:.3g} cm/s" in told
+    many = len(jm.contacts.intervals(found))
+    assert f"feet slid at {before:.3g}, now {after:.3g} cm/s ({many} contacts kept)" in told
+    listed = jaxmotion("contacts", file).stdout
+    assert f"{file}: {many} contacts of {len(found.names)} points, which slide at " in listed
+    assert len(re.findall(r"\d+-\d+", listed.partition("\n")[2])) == many
     assert foot_skate(jm.load(out), found) < 0.4 * foot_skate(skating, found)
+
+
+def test_contacts_are_counted(jaxmotion, file):
+    words = ("contacts", file, "--no-floor", "--method", "thresholds", "--joint")
+    told = jaxmotion(*words, "LeftHand").stdout
+    assert told.startswith(f"{file}: 0 contacts of 1 point\n")
+    assert counted(1) == "1 contact"
 
 
 def test_restoring_what_has_no_feet_says_so(jaxmotion, take, tmp_path):
@@ -74,12 +85,15 @@ def test_style_keeps_contacts_where_feet_would_slide_more(jaxmotion, file, tmp_p
     assert slid > 2 * before
     assert f"feet slid at {before:.3g}, now {slid:.3g} cm/s\n" in told
     told = jaxmotion(*words, kept, "--report", report).stderr
-    after = skate(jm.load(kept), found)
+    after, many = skate(jm.load(kept), found), len(jm.contacts.intervals(found))
     assert after < 0.1 * slid
-    assert f"slid at {before:.3g}, now {after:.3g} cm/s (contacts kept; else {slid:.3g})" in told
+    assert (
+        f"slid at {before:.3g}, now {after:.3g} cm/s ({many} contacts kept; else {slid:.3g})"
+        in told
+    )
     [row] = json.loads(report.read_text())["files"]
     feet = row["feet"]
-    assert feet["contacts_restored"] == len(jm.contacts.intervals(found))
+    assert feet["contacts_restored"] == many
     figures = [feet[f"slide_{when}"] for when in ("before", "edited", "after")]
     np.testing.assert_allclose(100 * np.array(figures), [before, slid, after], rtol=1e-6)
     assert row["unit"] == 1.0
@@ -142,7 +156,7 @@ def test_retime_keeps_contacts_where_feet_would_slide_more(jaxmotion, sparse, tm
     assert_same_rotation(jm.load(plain).rotations, want.rotations, 1e-12)
     told = jaxmotion(*words, kept).stderr
     assert told_speeds(told)[2] < 0.2 * slid
-    assert f"(contacts kept; else {slid:.3g})" in told
+    assert re.search(rf"\(\d+ contacts kept; else {slid:.3g}\)", told)
 
 
 def test_align_tells_of_feet_and_keeps_contacts(jaxmotion, file, skating, sparse, tmp_path):
@@ -151,7 +165,7 @@ def test_align_tells_of_feet_and_keeps_contacts(jaxmotion, file, skating, sparse
     own = skate(skating, jm.contacts.detect(skating))
     assert told_speeds(told) == pytest.approx([own] * 3, rel=5e-3)
     told = jaxmotion("align", sparse, file, "-o", out, "--overwrite", "--keep-contacts").stderr
-    assert "(contacts kept; else" in told
+    assert re.search(r"\(\d+ contacts kept; else", told)
 
 
 def test_what_touches_on_one_side_only_does_not_touch_between():
