@@ -2,6 +2,7 @@
 needed; from a room above, where a value is asked to show itself."""
 
 import importlib
+import importlib.util
 import sys
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
@@ -48,5 +49,14 @@ def extra(module: str, name: str, what: str, *, package: str | None = None) -> A
     except ModuleNotFoundError as error:
         if error.name != module:
             raise
-        text = f"{what} needs {package or module}: pip install 'jaxmotion[{name}]'"
-        raise LacksExtra(text) from error
+        raise LacksExtra(_how_to_get(module, name, what, package)) from error
+
+
+def lacking(module: str, name: str, what: str, *, package: str | None = None) -> str:
+    """What :func:`extra` would say; "" if the module is there. Nothing is imported."""
+    there = importlib.util.find_spec(module) is not None
+    return "" if there else _how_to_get(module, name, what, package)
+
+
+def _how_to_get(module: str, name: str, what: str, package: str | None) -> str:
+    return f"{what} needs {package or module}: pip install 'jaxmotion[{name}]'"

@@ -23,7 +23,7 @@ from jaxmotion.cli._record import Record
 from jaxmotion.cli._report import Report, nothing
 from jaxmotion.cli._terminal import say
 from jaxmotion.cli._work import Edited, Editing, Effect, Outcome, edit_file, guarded
-from jaxmotion.io.formats import files_of
+from jaxmotion.io.formats import files_of, lacking_for
 
 _FIRST_FAILURE = "stopped at the first failure"
 
@@ -79,6 +79,10 @@ def run(
     ``heavy``: whether a file takes longer than compiling for it.
     """
     writes = writes or files_of
+    if batch.cluster is None:
+        suffixes = {job.target.suffix.lower(): job.target for job in jobs}
+        if lacks := next(filter(None, map(lacking_for, suffixes.values())), ""):
+            raise click.ClickException(lacks)  # once, not of every file
     replaced = batch.overwrite or batch.resume
     report = Report(batch.report, jobs, writes=writes, overwrite=replaced, resume=batch.resume)
     options = asked_for(click.get_current_context())

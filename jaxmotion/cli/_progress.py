@@ -1,9 +1,9 @@
 """Progress on stderr: a bar with the time left on a terminal, else a plain line a file."""
 
 import os
+import re
 import sys
 import time
-from collections import Counter
 from contextlib import ExitStack
 
 from jaxmotion._plain import printable
@@ -11,6 +11,8 @@ from jaxmotion.cli import _leaving
 from jaxmotion.cli._terminal import say
 from jaxmotion.cli._work import Effect, Outcome
 
+_NAMED, _LONG = 3, 64
+_MEASURED = re.compile(r"\d+\.\d+|\d+(?= m\b)")  # in which warnings of many files may differ
 _SHOW_CURSOR = b"\x1b[?25h\n"
 
 
@@ -21,7 +23,7 @@ class Progress:
         self._total = total
         self._done = 0
         self._begun = time.perf_counter()
-        self._warned: Counter[str] = Counter()
+        self._warned: dict[str, tuple[str, list[str]]] = {}
         self._bar = None
         self._cleanup = ExitStack()
         if total > 1 and sys.stderr.isatty():
@@ -44,9 +46,10 @@ class Progress:
 
     def __exit__(self, *_) -> None:
         self._cleanup.close()
-        for text, count in self._warned.items():
-            if count > 1:
-                say(f"warning, of {count} files: {text}", err=True)
+        for text, files in self._warned.values():
+            if len(files) > 1:
+                names = f" ({', '.join(files)})" if len(files) <= _NAMED else ""
+                say(f"that warning, of {len(files)} files{names}: {shortened(text)}", err=True)
 
     def tell(self, outcome: Outcome) -> None:
         """Show one outcome."""
@@ -55,8 +58,10 @@ class Progress:
         if outcome.effect and outcome.effect.note:
             lines.append(f"  {outcome.effect.note}")
         for text in outcome.warnings:  # each in full once, and at the end how often it came
-            lines += [] if text in self._warned else [f"  warning: {text}"]
-            self._warned[text] += 1
+            kind = _MEASURED.sub("", text)
+            if kind not in self._warned:
+                lines.append(f"  warning: {text}")
+            self._warned.setdefault(kind, (text, []))[1].append(printable(outcome.job.source))
         if self._bar is not None:
             for line in lines:
                 self._bar.console.print(printable(line), soft_wrap=True)
@@ -88,6 +93,11 @@ def _effect(effect: Effect) -> str:
         if change.frames_changed:
             text += f", by up to {_degrees(change.angle.value)} at {change.angle.joint}"
     return f"{text}; {effect.skate}" if effect.skate is not None else text
+
+
+def shortened(text: str) -> str:
+    """The first words of a text."""
+    return text if len(text) <= _LONG else f"{text[:_LONG].rpartition(' ')[0]} ..."
 
 
 def pace(seconds: float) -> str:

@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
+from jaxmotion._lazy import extra, lacking
 from jaxmotion.io.errors import MotionFileError
 
 if TYPE_CHECKING:
@@ -27,7 +28,8 @@ class Format(NamedTuple):
     that come before it in the table; ``arrays``: of archives, the names of which it holds one set;
     ``beside``: suffix of the file that goes with each; ``finds``: the function that finds it for a
     file that is read; ``note``: the function of a motion that says what viewers make of its rate,
-    of formats for other programs, whose writers take ``metres``."""
+    of formats for other programs, whose writers take ``metres``; ``needs``: the extra that its
+    writer needs, as :func:`jaxmotion._lazy.extra` has it: module, extra, what for, package."""
 
     suffix: str
     load: str | None
@@ -37,8 +39,11 @@ class Format(NamedTuple):
     beside: str | None = None
     finds: str | None = None
     note: str | None = None
+    needs: tuple[str, str, str, str] | None = None
 
 
+_GLTF = ("pygltflib", "gltf", "writing .glb files", "pygltflib")
+_USD = ("pxr", "usd", "writing .usda and .usdc files", "usd-core")
 FORMATS = (
     Format(".bvh", "bvh:load_bvh", "bvh:save_bvh"),
     Format(".amc", "asfamc:load_amc", "asfamc:save_amc", beside=".asf", finds="asfamc:asf_beside"),
@@ -50,9 +55,9 @@ FORMATS = (
         knows="amass:is_amass",
         arrays=(frozenset({"poses", "trans"}), frozenset({"root_orient", "pose_body", "trans"})),
     ),
-    Format(".glb", None, "gltf:save_glb", note="gltf:viewer_note"),
-    Format(".usda", None, "usd:save_usd", note="usd:viewer_note"),
-    Format(".usdc", None, "usd:save_usd", note="usd:viewer_note"),
+    Format(".glb", None, "gltf:save_glb", note="gltf:viewer_note", needs=_GLTF),
+    Format(".usda", None, "usd:save_usd", note="usd:viewer_note", needs=_USD),
+    Format(".usdc", None, "usd:save_usd", note="usd:viewer_note", needs=_USD),
 )
 SUFFIXES = tuple(dict.fromkeys(row.suffix for row in FORMATS if row.load))  # of what is read
 WRITTEN = tuple(dict.fromkeys(row.suffix for row in FORMATS if row.save))
@@ -104,6 +109,24 @@ def viewer_note(path: Path, motion: "Motion") -> str:
     """What people should know who open a file of that suffix, of that motion, elsewhere; "" for
     nothing."""
     return next((_named(row.note)(motion) for row in _rows(path) if row.note), "")
+
+
+def extra_of(suffix: str) -> Any:
+    """The package that files of a suffix are written with; :class:`LacksExtra` if it is not
+    there."""
+    needs = (row.needs for row in FORMATS if row.suffix == suffix)
+    module, name, what, package = next(filter(None, needs))
+    return extra(module, name, what, package=package)
+
+
+def lacking_for(path: Path) -> str:
+    """How to get what files of that suffix are written with; "" if it is there, or none is
+    needed."""
+    for row in _rows(path):
+        if row.needs is not None:
+            module, name, what, package = row.needs
+            return lacking(module, name, what, package=package)
+    return ""
 
 
 def may_hold_a_motion(path: Path) -> bool:

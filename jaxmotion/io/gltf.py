@@ -28,11 +28,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxmotion._lazy import extra
 from jaxmotion._plain import printable
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.io.conventions import turned_to
-from jaxmotion.io.formats import UpOut
+from jaxmotion.io.formats import UpOut, extra_of
 from jaxmotion.io.interchange import (
     Figure,
     check,
@@ -78,7 +77,7 @@ def save_glb(
         ...     os.path.getsize(f"{folder}/walk.glb") > 50_000
         True
     """
-    gltf = extra("pygltflib", "gltf", "writing .glb files")
+    gltf = extra_of(".glb")
     check(motion)
     turned = turned_to(motion, up, "save_glb")
     metres = metres_of(motion, metres, path, "save_glb")

@@ -29,11 +29,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxmotion._lazy import extra
 from jaxmotion._plain import printable
 from jaxmotion.io.atomic import atomic_write
 from jaxmotion.io.conventions import turned_to
-from jaxmotion.io.formats import UpOut
+from jaxmotion.io.formats import UpOut, extra_of
 from jaxmotion.io.interchange import (
     Figure,
     check,
@@ -121,7 +120,7 @@ def viewer_note(motion: Motion) -> str:
 
 def _pxr() -> Any:
     """usd-core's package, with the modules that are used here."""
-    pxr = extra("pxr", "usd", "writing .usda and .usdc files", package="usd-core")
+    pxr = extra_of(".usda")
     for module in ("Gf", "Sdf", "Usd", "UsdGeom", "UsdSkel", "Vt"):
         importlib.import_module(f"pxr.{module}")
     return pxr

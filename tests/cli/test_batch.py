@@ -241,7 +241,8 @@ def test_a_warning_of_many_files_is_told_once_and_counted(jaxmotion, takes, tmp_
     result = jaxmotion("convert", takes, "-o", tmp_path / "out", "--to", "bvh", "--out-up", "z")
     text = "z points up, which the file cannot say: read it with up= (--up)"
     assert result.stderr.count(f"  warning: {text}") == 1
-    assert f"warning, of 2 files: {text}\n" in result.stderr
+    names = ", ".join(str(path) for path in sorted(takes.rglob("*.bvh")))
+    assert f"that warning, of 2 files ({names}): {text}\n" in result.stderr
 
 
 def test_frame_rate_is_overruled(jaxmotion, take, tmp_path):

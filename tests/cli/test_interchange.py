@@ -1,12 +1,13 @@
 """``convert`` to formats for other programs: the unit, what viewers make of the rate, folders."""
 
+import re
 import sys
 
 import numpy as np
 import pytest
 
 import jaxmotion as jm
-from tests.cli.conftest import swinging
+from tests.cli.conftest import record_in, swinging
 
 pytest.importorskip("pygltflib", reason="glTF needs pygltflib")
 pytest.importorskip("pxr", reason="USD needs usd-core")
@@ -32,11 +33,30 @@ def test_folders_are_mirrored_and_notes_told_once(jaxmotion, tmp_path, suffix):
         jm.save(swinging(frames=5), tmp_path / f"in/{name}.bvh")
     words = ("convert", tmp_path / "in", "-o", tmp_path / "out", "--to", suffix, "--metres", 1)
     said = jaxmotion(*words).stderr
-    assert said.count("Blender") == 2  # in full, and of how many files
-    assert "warning, of 2 files: Blender" in said
+    assert said.count("  warning: Blender") == 1
+    names = ", ".join(str(tmp_path / f"in/{name}.bvh") for name in ("a", "deep/b"))
+    assert f"\nthat warning, of 2 files ({names}): Blender keeps its scene's frame rate " in said
     written = sorted(path.relative_to(tmp_path) for path in (tmp_path / "out").rglob("*.*"))
     names = [str(path) for path in written if path.suffix == f".{suffix}"]
     assert names == [f"out/a.{suffix}", f"out/deep/b.{suffix}"]
+
+
+def test_a_guess_is_told_once_whatever_it_measured(jaxmotion, tmp_path):
+    (tmp_path / "in").mkdir()
+    for number in range(4):
+        big = swinging(frames=5, seed=number).with_transforms(
+            swinging(5, seed=number).translations * (1 + number / 8)
+        )
+        jm.save(big, tmp_path / f"in/{number}.npz")
+    report = tmp_path / "r.json"
+    words = ("convert", tmp_path / "in", "-o", tmp_path / "out", "--to", "glb", "--report", report)
+    said = jaxmotion(*words).stderr
+    assert said.count("  warning: a unit of length is taken for") == 1
+    assert "that warning, of 4 files: a unit of length is taken for" in said
+    spans = {
+        text for row in record_in(report)["files"] for text in row["warnings"] if "span" in text
+    }
+    assert len(spans) > 2  # the report has each
 
 
 def test_they_are_not_read(jaxmotion, take, tmp_path):
@@ -67,3 +87,19 @@ def test_without_the_extra_it_says_how_to_get_it(jaxmotion, take, tmp_path, monk
     assert "pip install 'jaxmotion[gltf]'" in said
     assert "unexpected" not in said
     assert np.all([path.suffix != ".glb" for path in tmp_path.iterdir()])
+
+
+@pytest.mark.parametrize(("suffix", "module"), [("glb", "pygltflib"), ("usda", "pxr")])
+def test_an_extra_is_asked_for_once(jaxmotion, tmp_path, monkeypatch, suffix, module):
+    """Before any file is read, of which nothing is written; nor by another command."""
+    (tmp_path / "in").mkdir()
+    for name in "abc":
+        jm.save(swinging(frames=5), tmp_path / f"in/{name}.bvh")
+    monkeypatch.setitem(sys.modules, module, None)
+    words = ("convert", tmp_path / "in", "-o", tmp_path / "out", "--to", suffix)
+    said = jaxmotion(*words, code=1).stderr
+    assert re.fullmatch(r"Error: writing .* needs .*: pip install 'jaxmotion\[\w+\]'\n", said)
+    assert not (tmp_path / "out").exists()
+    out = tmp_path / f"a.{suffix}"
+    assert jaxmotion("denoise", tmp_path / "in/a.bvh", "-o", out, code=1).stderr == said
+    jaxmotion(*words[:-1], "bvh")
