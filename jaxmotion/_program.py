@@ -55,7 +55,7 @@ def keepable(program: Callable[P, R]) -> Callable[P, R]:
     if what comes of it holds one, that which tells why."""
 
     @functools.wraps(program)
-    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+    def call(*args: Any, **kwargs: Any) -> R:
         if folder_of_programs() is None or not stops() or traced(args, kwargs):
             return program(*args, **kwargs)
         with checks("nan"):
