@@ -63,6 +63,16 @@ ROWS = (
         {"solveh_banded": "SciPy `solveh_banded`"},
     ),
     (
+        "dynamic time warping with its path, 1000 on 1000 frames, float64",
+        "dtw with path 1000x1000x96 float64",
+        {"tslearn numba": "tslearn", "librosa numba": "librosa"},
+    ),
+    (
+        "hands and feet kept in place, 200 frames of 31 joints, float64",
+        "satisfy 200x96 hands and feet (d=96) f64",
+        {"scipy L-BFGS-B": "SciPy L-BFGS-B, 500 iterations"},
+    ),
+    (
         "style transfer, 427 on 400 frames, 31 joints",
         "style transfer 427 on 400 frames, 31 joints float32",
         {"NumPy, numba": "the paper in NumPy, its warp in numba"},
@@ -74,7 +84,7 @@ ROWS = (
     ),
     (
         "nearest words of 600 s at 24 fps in 600 s, 41 million pairs",
-        "nearest words, 14400 frames, 22 joints, every 5th",
+        "nearest words, 14400 frames, 21 joints, every 5th",
         {"numba, all pairs": "a loop over all pairs in numba, two threads"},
     ),
     (
