@@ -8,6 +8,7 @@ Public is what a module's ``__all__`` names.
 
 import ast
 import doctest
+import functools
 import importlib
 import inspect
 import pkgutil
@@ -15,6 +16,7 @@ import re
 from pathlib import Path
 
 import equinox as eqx
+import pytest
 
 import jaxmotion
 
@@ -34,6 +36,7 @@ def _own(module):
     return any(part[0] == "_" or part == "cli" for part in module.split("."))
 
 
+@functools.cache
 def _public():
     """``module.name`` to what that is, once each, of what is callable."""
     found, seen = {}, set()
@@ -103,23 +106,26 @@ def test_no_docstring_has_another_form():
     assert not wrong, "\n".join(wrong)
 
 
-def test_examples_run():
+# A test each: long files of few tests would begin last, and one worker wait for them.
+@pytest.mark.parametrize("name", _public())
+def test_examples_run(name):
     options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-    failed = []
-    with_example = set()
-    for name, thing in _public().items():
-        for example in doctest.DocTestFinder().find(thing, name, module=False, globs={}):
-            runner = doctest.DocTestRunner(verbose=False, optionflags=options)
-            told = []
-            runner.run(example, out=told.append)
-            if example.examples:
-                with_example.add(name)
-            if runner.failures:
-                failed.append("".join(told))
-    assert not failed, "\n".join(failed)
+    for example in _examples(name):
+        told = []
+        runner = doctest.DocTestRunner(verbose=False, optionflags=options)
+        runner.run(example, out=told.append)
+        assert not runner.failures, "".join(told)
+
+
+def _examples(name):
+    return doctest.DocTestFinder().find(_public()[name], name, module=False, globs={})
+
+
+def test_what_is_called_by_its_first_name_has_an_example():
     owing = {
         f"jaxmotion.{name}"
         for name in jaxmotion.__all__
         if not inspect.ismodule(getattr(jaxmotion, name))
     }
-    assert owing <= with_example, f"no example: {sorted(owing - with_example)}"
+    without = {name for name in owing if not any(x.examples for x in _examples(name))}
+    assert not without
