@@ -125,7 +125,7 @@ def _chain(
     def own(joints):
         return rows_of(q, joints), _translations(moved, moving, resting, joints)
 
-    return Levels(parents).descend(own, _compose)
+    return Levels(parents).descend(own, composed)
 
 
 def _translations(moved: tuple[int, ...], moving: Array, resting: Array, joints) -> Array:
@@ -139,7 +139,8 @@ def _translations(moved: tuple[int, ...], moving: Array, resting: Array, joints)
     return jnp.where(moves[:, None, None], moving[place], resting[joints])
 
 
-def _compose(above: tuple[Lanes, Lanes] | None, own: tuple[Lanes, Lanes]) -> tuple[Lanes, Lanes]:
+def composed(above: tuple[Lanes, Lanes] | None, own: tuple[Lanes, Lanes]) -> tuple[Lanes, Lanes]:
+    """World rotation and position of joints by their parents' and their own; for ``descend``."""
     q, t = (jnp.unstack(x, axis=1) for x in own)
     q = normalized(q)
     if above is not None:

@@ -40,8 +40,9 @@ from jaxmotion._levels import Levels
 from jaxmotion._posture import hung, pose_in_world
 from jaxmotion._program import one_program
 from jaxmotion._types import Vector3
-from jaxmotion.kinematics import checked_pairs, mirrored_pairs
+from jaxmotion.kinematics import checked_pairs, composed, mirrored_pairs
 from jaxmotion.motion import Motion
+from jaxmotion.quaternion.parts import conjugate, product
 from jaxmotion.skeleton import Skeleton
 
 __all__ = ["mirror"]
@@ -215,18 +216,11 @@ def _apart(
     """How far left and right joints lie apart along each axis of the body, as a share, before
     which stands a zero."""
 
-    def joined(above, own):
-        rotation, place = own
-        if above is None:
-            return rotation, place
-        turned = _lanes(quaternion.multiply, above[0], rotation)
-        return turned, above[1] + _lanes(quaternion.rotate, above[0], place)
-
     def own(joints):
         place = jnp.broadcast_to(bones[joints][..., None], (len(joints), 3, poses.shape[-1]))
         return poses[joints], place
 
-    places = Levels(parents).descend(own, joined)[1]
+    places = Levels(parents).descend(own, composed)[1]
     left = np.flatnonzero(side > np.arange(len(side)))
     apart = jnp.abs(jnp.sum(places[left] - places[side[left]], axis=0))
     apart = apart / jnp.maximum(jnp.max(apart, axis=0), jnp.finfo(apart.dtype).tiny)
@@ -235,13 +229,8 @@ def _apart(
 
 def _triple(of_other: Array, above: Array, pose: Array) -> Array:
     """conj(of_other) ⊗ above ⊗ pose, of lanes."""
-    half = _lanes(quaternion.multiply, above, pose)
-    return _lanes(lambda q, p: quaternion.multiply(quaternion.conjugate(q), p), of_other, half)
-
-
-def _lanes(function, *lanes: Array) -> Array:
-    """A function of components last, of lanes."""
-    return jnp.moveaxis(function(*(jnp.moveaxis(x, 1, -1) for x in lanes)), -1, 1)
+    a, b, c = (tuple(jnp.unstack(x, axis=1)) for x in (of_other, above, pose))
+    return jnp.stack(product(conjugate(a), product(b, c)), axis=1)
 
 
 @compiled

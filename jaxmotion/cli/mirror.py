@@ -1,15 +1,16 @@
 """``jaxmotion mirror``: left and right exchanged."""
 
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import click
 
 from jaxmotion.cli._files import Job
-from jaxmotion.cli._options import Batch, Running, batch_options, running_options
+from jaxmotion.cli._options import Batch, Reading, Running, batch_options, running_options
 
 if TYPE_CHECKING:
+    from jaxmotion import Motion
     from jaxmotion.cli._work import Effect
 
 
@@ -59,9 +60,17 @@ def _mirror(
     from jaxmotion.cli._work import Clip, Effect, finite, read, write
 
     before = read(job.source, batch.reading, uses_up=True)
-    walk = None if reference is None else read(Path(reference), batch.reading, uses_up=True)
+    walk = None if reference is None else _walk(Path(reference), batch.reading)
     after = jm.mirror(before, plane, reference=walk)
     write(finite(after), job.target, overwrite=batch.overwrite, up=batch.out_up)
     beside = compared({"before": before, "after": after}, batch.report, job.source.name)
     message = f"{before.num_frames} frames mirrored"
     return Effect((Clip.of(before),), Clip.of(after), message, compared=beside)
+
+
+@lru_cache(maxsize=1)
+def _walk(reference: Path, reading: Reading) -> "Motion":
+    """The reference, which is read once for a whole folder."""
+    from jaxmotion.cli._work import read
+
+    return read(reference, reading, uses_up=True)

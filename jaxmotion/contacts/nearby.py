@@ -29,7 +29,7 @@ def origin_of(motion: Motion) -> Float[Array, "3"]:
 
 def motion_near(motion: Motion, origin: Float[Array, "3"]) -> Motion:
     """The motion moved by -o."""
-    return motion.with_transforms(_moved(motion.translations, origin, back=True))
+    return motion.with_transforms(_moved(motion.translations, -origin))
 
 
 def moved_as(given: Motion, before: Motion, after: Motion) -> Motion:
@@ -43,9 +43,9 @@ def _first(translations: AnyArray) -> Array:
     return jax.lax.stop_gradient(translations[0, 0])
 
 
-@one_program("back")
-def _moved(translations: AnyArray, by: Array, back: bool = False) -> Array:
-    return translations.at[:, 0].add(-by if back else by)
+@one_program()
+def _moved(translations: AnyArray, by: Array) -> Array:
+    return translations.at[:, 0].add(by)
 
 
 def contacts_near(contacts: Contacts, origin: Float[Array, "3"]) -> Contacts:
