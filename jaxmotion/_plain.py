@@ -72,6 +72,11 @@ def _escaped(match: re.Match[str]) -> str:
     return character if _prints(character) else json.dumps(character)[1:-1]
 
 
+def some(count: int, noun: str) -> str:
+    """ "1 frame", "240 frames"."""
+    return f"{count} {noun}{'s' * (count != 1)}"
+
+
 def in_words(error: OSError) -> str:
     """What the system refused, without the number and the path."""
     number, text = error.errno or 0, error.strerror or str(error)

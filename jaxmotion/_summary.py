@@ -21,7 +21,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxmotion._file_facts import FileFact
-from jaxmotion._plain import printable
+from jaxmotion._plain import printable, some
 
 _LONGEST = 119  # characters of a line,
 _LONGEST_VALUE = 60  # and of a value in it
@@ -102,11 +102,6 @@ def numbers(x: Any, most: int = _NUMBERS) -> np.ndarray | None:
 
 
 # Words
-
-
-def some(count: int, noun: str) -> str:
-    """ "1 frame", "240 frames"."""
-    return f"{count} {noun}{'s' * (count != 1)}"
 
 
 def batched(batch: Sequence[int], noun: str, each: str) -> str:

@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from jaxmotion._plain import printable
+from jaxmotion._plain import printable, some
 from jaxmotion.cli._files import real
 from jaxmotion.cli._options import Reading
 from jaxmotion.cli._work import read
@@ -40,7 +40,7 @@ class Beside:
     def __str__(self) -> str:
         """What is to be said of files that are left out; "" for none."""
         words = {"of other joints": self.other, "that cannot be read": self.unreadable}
-        counts = [f"{n} clip{'s' * (n > 1)} {what}" for what, n in words.items() if n]
+        counts = [f"{some(n, 'clip')} {what}" for what, n in words.items() if n]
         return f"left out of the context: {', '.join(counts)}" if counts else ""
 
 

@@ -7,6 +7,8 @@ each axis in degrees, None where nothing was learned.
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from jaxmotion._plain import some
+
 if TYPE_CHECKING:
     from jaxmotion import Motion
     from jaxmotion._types import ArrayLike
@@ -72,7 +74,7 @@ def frames_in_brief(rows: Sequence[dict[str, Any]]) -> str:
         return ""
     more = f" and {len(frames) - _FRAMES} more" if len(frames) > _FRAMES else ""
     first = f"{', '.join(map(str, frames[:_FRAMES]))}{more}"
-    return f"made anew {len(frames)} dropped frame{'s' * (len(frames) > 1)}: {first}"
+    return f"made anew {some(len(frames), 'dropped frame')}: {first}"
 
 
 def _most(row: dict[str, Any]) -> str:

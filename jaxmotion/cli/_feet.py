@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from jaxmotion._plain import some
 from jaxmotion.cli._padding import pad, unpadded
 from jaxmotion.cli._terminal import Notice
 
@@ -49,16 +50,11 @@ class Skate:
         scale, unit = (1.0, " a second") if self.metres is None else (100 * self.metres, " cm/s")
         speeds = (self.before, self.after, self.edited, self.timed or 0.0)
         before, after, edited, timed = (f"{scale * speed:.3g}" for speed in speeds)
-        many = counted(self.contacts)
+        many = some(self.contacts, "contact")
         otherwise = f"; else {edited}" if edited != before else ""
         kept = f" ({many} kept{otherwise})" if self.kept else ""
         timing = f" ({timed} in the new timing)" if self.timed is not None else ""
         return f"feet slid at {before}{timing}, now {after}{unit}{kept}"
-
-
-def counted(contacts: int) -> str:
-    """So many contacts: of each point, from when it touches to when it leaves."""
-    return f"{contacts} contact{'s' * (contacts != 1)}"
 
 
 def find_feet(motion: "Motion", length: int) -> "Contacts":

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from jaxmotion._plain import printable
+from jaxmotion._plain import printable, some
 
 if TYPE_CHECKING:
     from jaxmotion.cleaning import DetectedErrors, ErrorRun, Repaired, RepairedRun
@@ -54,8 +54,7 @@ def _found(runs: "Sequence[ErrorRun]") -> Row:
 
 def counted(rows: Sequence[Row], share: float, done: str) -> str:
     """How many runs, and of how much of the clip that was ``done``."""
-    many = f"{len(rows)} run{'s' * (len(rows) > 1)}"
-    return f"{many}, {100 * share:.2g} % of joint-frames {done}"
+    return f"{some(len(rows), 'run')}, {100 * share:.2g} % of joint-frames {done}"
 
 
 def largest(rows: Sequence[Row]) -> str:
@@ -68,9 +67,8 @@ def largest(rows: Sequence[Row]) -> str:
 
 def told(rows: Sequence[Row], share: float, done: str, left: Sequence[Row], least: float) -> str:
     """:func:`counted`, and how many runs were ``left`` for want of confidence."""
-    many = f"{len(left)} run{'s' * (len(left) > 1)}"
     parts = [counted(rows, share, done)] if rows else []
-    parts += [f"{many} of confidence below {least:g} left"] if left else []
+    parts += [f"{some(len(left), 'run')} of confidence below {least:g} left"] if left else []
     return "; ".join(parts) or "nothing found"
 
 

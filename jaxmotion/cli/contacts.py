@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jaxmotion._plain import printable
-from jaxmotion.cli._feet import counted, keep_contacts
+from jaxmotion._plain import printable, some
+from jaxmotion.cli._feet import keep_contacts
 from jaxmotion.cli._options import (
     NOWHERE,
     Batch,
@@ -171,10 +171,9 @@ def _facts(motion: "Motion", finding: Any) -> dict[str, Any]:
 def _as_text(path: Path, facts: dict[str, Any]) -> list[str]:
     if not facts["points"]:
         return [f"{path}: {_NO_FEET}"]
-    many = counted(len(facts["contacts"]))
+    many = some(len(facts["contacts"]), "contact")
     sliding = f", which slide at {facts['slide']:.3g} a second" if facts["contacts"] else ""
-    points = len(facts["points"])
-    lines = [f"{path}: {many} of {points} point{'s' * (points > 1)}{sliding}"]
+    lines = [f"{path}: {many} of {some(len(facts['points']), 'point')}{sliding}"]
     width = max(len(printable(point)) for point in facts["points"])
     for point, share in facts["points"].items():
         spans = [f"{c['first']}-{c['last']}" for c in facts["contacts"] if c["point"] == point]

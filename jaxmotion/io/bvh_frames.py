@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxmotion._plain import quoted
+from jaxmotion._plain import quoted, some
 from jaxmotion.io.bvh_hierarchy import Hierarchy, number_hint, parse_number
 from jaxmotion.io.errors import MotionFileError, MotionFileWarning
 
@@ -253,7 +253,7 @@ def _wrong_count(
 ) -> MotionFileError:
     start = int(line_ends[first - 1]) if first else frames.start
     stray = _no_number(data[start : int(line_ends[last])])
-    counted = f"{found} number{'s' * (found != 1)}"
+    counted = some(found, "number")
     hint = "compare the CHANNELS lines with the rows; a number may be missing or split"
     if stray is not None:
         counted = f"{quoted(stray)} among {counted}"

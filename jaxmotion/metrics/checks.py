@@ -32,6 +32,7 @@ import numpy as np
 from jaxmotion import _likely
 from jaxmotion._checks import traced
 from jaxmotion._entry import one_clip
+from jaxmotion._plain import some
 from jaxmotion.axes import doubt_up
 from jaxmotion.metrics import measures
 from jaxmotion.metrics.findings import Findings, Problem
@@ -166,9 +167,7 @@ def _duplicates(motion: Motion) -> Iterator[Problem]:
         return
     for _, first, last in _runs(same[:, None], motion):
         count = last - first + 1
-        yield Problem(
-            "duplicate", f"{count} frame{'s' * (count > 1)} like the one before", first, last
-        )
+        yield Problem("duplicate", f"{some(count, 'frame')} like the one before", first, last)
 
 
 def _flips(motion: Motion) -> Iterator[Problem]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool
 
-from jaxmotion._plain import printable
+from jaxmotion._plain import printable, some
 from jaxmotion.cleaning import DetectedErrors, Digression
 from jaxmotion.frames.runs import spans
 from jaxmotion.motion import Motion
@@ -93,7 +93,7 @@ def plot_digression(
 def _title(mask: Bool[np.ndarray, "time joint"]) -> str:
     many = len(spans(np.any(mask, axis=1)))
     share = f"{100 * mask.mean():.2g} % of joint-frames"
-    return f"{many} run{'s' * (many > 1)} of errors, {share}" if many else "no errors found"
+    return f"{some(many, 'run')} of errors, {share}" if many else "no errors found"
 
 
 def _shown(

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from jaxmotion._plain import printable
+from jaxmotion._plain import printable, some
 from jaxmotion.cleaning import Repaired, RepairedRun
 from jaxmotion.cleaning.turns import angles_between, mean_rotation
 from jaxmotion.viz.colours import BLUE, ORANGE, PALE
@@ -71,7 +71,7 @@ def _title(run: RepairedRun, shown: int) -> str:
     frames = f"frame {run.start}" if run.stop - run.start == 1 else f"frames {run.start}"
     frames += "" if run.stop - run.start == 1 else f" to {run.stop - 1}"
     more = len(run.joints) - shown
-    others = f"; and {more} more joint{'s' * (more > 1)}" if more else ""
+    others = f"; and {some(more, 'more joint')}" if more else ""
     return f"{frames}, by up to {np.degrees(run.change):.3g}°{others}"
 
 

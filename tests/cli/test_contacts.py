@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
-from jaxmotion.cli._feet import _carried, counted
+from jaxmotion._plain import some
+from jaxmotion.cli._feet import _carried
 from jaxmotion.metrics import foot_skate
 from tests.helpers import assert_same_rotation
 
@@ -62,7 +63,7 @@ def test_contacts_are_counted(jaxmotion, file):
     words = ("contacts", file, "--no-floor", "--method", "thresholds", "--joint")
     told = jaxmotion(*words, "LeftHand").stdout
     assert told.startswith(f"{file}: 0 contacts of 1 point\n")
-    assert counted(1) == "1 contact"
+    assert some(1, "contact") == "1 contact"
 
 
 def test_restoring_what_has_no_feet_says_so(jaxmotion, take, tmp_path):
