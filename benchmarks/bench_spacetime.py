@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from jaxmotion import Motion, Skeleton, buckets
+from jaxmotion import Motion, Skeleton
 from jaxmotion.contacts import ContactPoints, Contacts, replant
 from jaxmotion.spacetime import Weights, satisfy, solve
 from jaxmotion.spacetime.gauss_newton import cost
@@ -73,21 +73,11 @@ def same_cost(motion, contacts, weights: Weights):
 RAMP = 0.0  # seconds, for both
 
 
-def own_size(call):
-    """The call with clips as long as they are; eager calls pad them to 128, 512 or 2048 frames."""
-
-    def run():
-        with buckets(False):
-            return call()
-
-    return run
-
-
 CASES = {"200x96 hands and feet": (200, 31, 4), "560x65 feet": (560, 65, 2)}
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_against_scipy(race, name):
+def test_against_scipy(race, own_size, name):
     motion, contacts = scene(*CASES[name])
     weights = Weights()
     value_and_grad, shape = same_cost(motion, contacts, weights)
@@ -119,7 +109,7 @@ def test_against_scipy(race, name):
 
 
 @pytest.mark.parametrize("frames", [280, 560, 1120, 2240])
-def test_linear_in_frames(race, frames):
+def test_linear_in_frames(race, own_size, frames):
     motion, contacts = scene(frames, 65, 2)
     (_, report), _ = race(
         f"satisfy {frames}x65 feet f64",

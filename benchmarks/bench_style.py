@@ -150,7 +150,7 @@ def ported(source, reference, runs_of):
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
-def test_transfer(race, dtype):
+def test_transfer(race, own_size, dtype):
     """A whole transfer without contacts, at the clips' own sizes and as one of many lengths."""
     numba = pytest.importorskip("numba")
     runs_of = warping(numba)
@@ -161,13 +161,9 @@ def test_transfer(race, dtype):
     def padded():
         return transfer_style(*given, keep_contacts=False).motion.rotations
 
-    def own_size():
-        with jm.buckets(False):
-            return padded()
-
     ours, theirs = race(
         f"style transfer {SOURCE} on {REFERENCE} frames, {JOINTS} joints {dtype}",
-        own_size,
+        own_size(padded),
         {"NumPy, numba": lambda: ported(*clips, runs_of), "of many lengths": padded},
         goals={"NumPy, numba": 15.0},
     )

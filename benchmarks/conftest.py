@@ -36,6 +36,8 @@ from typing import Any, NamedTuple
 import jax
 import pytest
 
+import jaxmotion as jm
+
 jax.config.update("jax_enable_x64", True)
 
 
@@ -55,6 +57,21 @@ _ROWS = pytest.StashKey[list[Row]]()
 
 def pytest_configure(config):
     config.stash[_ROWS] = []
+
+
+@pytest.fixture
+def own_size():
+    """Makes of a call one with clips as long as they are: eager calls pad them to 128, 512 or 2048
+    frames."""
+
+    def made(call):
+        def run():
+            with jm.buckets(False):
+                return call()
+
+        return run
+
+    return made
 
 
 @pytest.fixture

@@ -5,8 +5,10 @@ the case it is differentiated by. Keys are ``room.function``, with ``[variant]``
 has several ways. ``EXCEPTIONS`` names the functions that have no recipe, and why.
 """
 
+import importlib
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +17,7 @@ import jax.numpy as jnp
 from jaxmotion import io, layers, multiresolution, quaternion, smoothing, style, timing
 from jaxmotion.displacement import Displacement
 from jaxmotion.linalg import DifferenceChain, banded_factor, block_banded_factor, chain_factor
-from tests.sweep_cases import CASES, Case
+from tests.sweep_cases import CASES, Case, case
 
 
 class Recipe(NamedTuple):
@@ -591,3 +593,21 @@ def _finite_limits(limits):
 def _warped(c):
     warp = timing.motion_warping(c.x, c.y)
     return c.x[warp.source_index], warp
+
+
+class _Captured(Exception):
+    pass
+
+
+def arguments_of(name: str):
+    """The function of a recipe, and the arguments that the recipe gives it."""
+    given = []
+
+    def capture(*args, **kwargs):
+        given.append((args, kwargs))
+        raise _Captured
+
+    with suppress(_Captured):
+        RECIPES[name].run(capture, case("plain", "float64"))
+    room, _, function = name.partition("[")[0].partition(".")
+    return (getattr(importlib.import_module(f"jaxmotion.{room}"), function), *given[0])

@@ -3,8 +3,6 @@
 The recipes of the sweep tell how each is called; here it is called so, but for one argument.
 """
 
-import importlib
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,7 +16,7 @@ from jaxmotion.displacement import Displacement
 from jaxmotion.viz import player, plot_contacts
 from tests.helpers import no_shape_checks
 from tests.sweep_cases import case
-from tests.sweep_recipes import RECIPES
+from tests.sweep_recipes import RECIPES, arguments_of
 
 # Batch axes allowed; all others refuse a batch by name.
 BATCHED = {
@@ -44,24 +42,6 @@ TAKE_BOTH = {
     "timing.pad_to_bucket",
 }
 OF_ARRAYS = ("quaternion.", "smoothing.", "timing.", "multiresolution.", "metrics.", "contacts.")
-
-
-class _Captured(Exception):
-    pass
-
-
-def _arguments(name):
-    """The function of a recipe, and the arguments that the recipe gives it."""
-    given = []
-
-    def capture(*args, **kwargs):
-        given.append((args, kwargs))
-        raise _Captured
-
-    with pytest.raises(_Captured):
-        RECIPES[name].run(capture, case("plain", "float64"))
-    room, _, function = name.partition("[")[0].partition(".")
-    return (getattr(importlib.import_module(f"jaxmotion.{room}"), function), *given[0])
 
 
 def _places(args, wanted):
@@ -101,7 +81,7 @@ def _broken():
 
 @pytest.mark.parametrize("name", WALKED)
 def test_every_function_tells_what_is_no_motion_no_clip_and_no_number(name):
-    function, args, kwargs = _arguments(name)
+    function, args, kwargs = arguments_of(name)
     caller = name.split(".")[1].partition("[")[0]
     plain = name.partition("[")[0]
     places = list(_places(args, _is_motion))
@@ -131,7 +111,7 @@ def test_every_function_tells_what_is_no_motion_no_clip_and_no_number(name):
 @pytest.mark.parametrize("name", [n for n in WALKED if n.partition("[")[0] in BATCHED])
 def test_batches_are_as_each_of_their_clips(name):
     """Those that jm.stack makes, and those of one skeleton and frame time."""
-    function, args, kwargs = _arguments(name)
+    function, args, kwargs = arguments_of(name)
     clip = case("plain", "float64").third
     moves = Displacement(0.5 * clip.translations, clip.translations)
 

@@ -10,8 +10,7 @@ import pytest
 import jaxmotion as jm
 from jaxmotion import _checks, _program
 from tests.sweep_cases import case
-from tests.sweep_recipes import RECIPES
-from tests.test_entry import _arguments
+from tests.sweep_recipes import RECIPES, arguments_of
 
 # Between them they call what may stop; all others are swept.
 FEW = ("smoothing.smooth_motion", "layers.decompose", "contacts.detect", "smoothing.tune")
@@ -44,7 +43,7 @@ def called(monkeypatch, kept):
     ],
 )
 def test_nothing_calls_the_host(called, name):
-    function, args, kwargs = _arguments(name)
+    function, args, kwargs = arguments_of(name)
     jax.block_until_ready(jax.tree.leaves(eqx.filter(function(*args, **kwargs), eqx.is_array)))
     assert called == []
 

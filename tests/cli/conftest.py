@@ -12,7 +12,7 @@ import jaxmotion as jm
 from jaxmotion.cli import _session
 from jaxmotion.cli._app import app
 from jaxmotion.cli._page import RECORD
-from tests.helpers import quaternions_by
+from tests.helpers import assert_same_rotation, quaternions_by
 
 _NOTICE = _session._CompilingNotice
 
@@ -75,3 +75,9 @@ def take(tmp_path):
     path = tmp_path / "take.bvh"
     jm.save(swinging(), path)
     return path
+
+
+def assert_same_clip(got, want):
+    assert_same_rotation(got.rotations, want.rotations, 1e-9)
+    np.testing.assert_allclose(got.translations, want.translations, atol=1e-9)
+    assert got.frame_time == pytest.approx(float(want.frame_time), rel=1e-9)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import jaxmotion as jm
-from tests.cli.test_timing_commands import assert_same_clip
+from tests.cli.conftest import assert_same_clip
 from tests.helpers import random_motion
 
 

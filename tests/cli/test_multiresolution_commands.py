@@ -10,14 +10,8 @@ from jaxmotion.cli import multires
 from jaxmotion.multiresolution import blend, build_pyramid, level_of_detail, scale_details, stitch
 from jaxmotion.multiresolution.pyramid import DEEPEST
 from jaxmotion.multiresolution.stitching import stitched
-from tests.cli.conftest import swinging
+from tests.cli.conftest import assert_same_clip, swinging
 from tests.helpers import assert_same_rotation
-
-
-def assert_same_clip(got, want):
-    assert_same_rotation(got.rotations, want.rotations, 1e-9)
-    np.testing.assert_allclose(got.translations, want.translations, atol=1e-9)
-    assert got.frame_time == pytest.approx(float(want.frame_time), rel=1e-9)
 
 
 @pytest.fixture

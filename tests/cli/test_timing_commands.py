@@ -8,14 +8,7 @@ import pytest
 
 import jaxmotion as jm
 from jaxmotion.timing import align
-from tests.cli.conftest import record_in, swinging
-from tests.helpers import assert_same_rotation
-
-
-def assert_same_clip(got, want):
-    assert_same_rotation(got.rotations, want.rotations, 1e-9)
-    np.testing.assert_allclose(got.translations, want.translations, atol=1e-9)
-    assert got.frame_time == pytest.approx(float(want.frame_time), rel=1e-9)
+from tests.cli.conftest import assert_same_clip, record_in, swinging
 
 
 def test_retime_resamples(jaxmotion, take, tmp_path):
